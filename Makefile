@@ -1,0 +1,78 @@
+# `make help` lists what can be done. Nothing here writes outside the checkout.
+
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= 2
+ARGS ?=
+
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.made-from-lock
+UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help env train smoke test test-all lint format lock asset docs-images clean
+
+help:  ## Show this list.
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@echo
+	@echo 'ARGS passes words on: make train ARGS="+experiment=ablation_row3", make test ARGS="-k camera".'
+
+env: $(STAMP)  ## Make the environment: the exact locked packages, verified by hash.
+
+train: $(STAMP)  ## Train the default model, evaluate it and draw it; ARGS are Hydra overrides.
+	$(BIN)/python -m hand_recon.train $(ARGS)
+
+smoke: $(STAMP)  ## The same in about a minute, far too short to learn anything.
+	$(BIN)/python -m hand_recon.train +experiment=smoke $(ARGS)
+
+# pytest's processes are the parallelism: threads that share their cores only slow them down.
+test test-all: export OMP_NUM_THREADS := 1
+
+test: $(STAMP)  ## Run the tests that need no GPU, licence or dataset; ARGS go to pytest.
+	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+test-all: $(STAMP)  ## Run the slow tests too, and those for which GPU, MANO or datasets are there.
+	$(BIN)/python -m pytest -n $(WORKERS) -m "" $(ARGS)
+
+lint: $(STAMP)  ## Check format, style, types, spelling, import direction and file sizes.
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/codespell
+	$(BIN)/python tools/check_large_files.py
+
+format: $(STAMP)  ## Format the code and mend what can be mended by machine.
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+lock: $(STAMP)  ## Lock again, keeping every version that still fits; ARGS=--upgrade for new ones.
+	UV_CUSTOM_COMPILE_COMMAND="make lock" $(UV) pip compile pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock $(ARGS)
+
+asset: $(STAMP)  ## Build the open hand again from its source (installs the assets extra).
+	$(UV) pip install --constraints requirements.lock --requirements pyproject.toml --extra assets
+	$(BIN)/python tools/build_open_hand.py
+
+docs-images: $(STAMP)  ## Draw the pictures of the open hand in docs/images again.
+	$(BIN)/python tools/draw_open_hand.py
+
+clean:  ## Remove the environment and the tools' caches; outputs, data and rendered hands stay.
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find hand_recon tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# uv itself comes from the lock, and everything else through uv: pip's settings on a machine, such as a
+# folder of local wheels, cannot then put in another torch than the one that was locked.
+$(STAMP): pyproject.toml requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo \
+	  "hand_recon needs Python 3.11 or newer; '$(PYTHON)' is `$(PYTHON) --version 2>&1`." \
+	  "Name a newer one: make PYTHON=python3.12 env" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' || { echo \
+	  "'$(PYTHON)' cannot make virtual environments. On Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > $(VENV)/uv.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.txt
+	$(UV) pip install --require-hashes --build-constraints requirements.lock -r requirements.lock
+	$(UV) pip install --no-deps --build-constraints requirements.lock --editable .
+	@touch $@

@@ -1,0 +1,109 @@
+"""[s, R, t] → full-perspective projection (Sec. 3.1, camera projection model).
+
+Without calibration, the crop is taken for the whole image of a camera that looks at its centre, with a
+focal length of 500 px on a crop of 224 px, as the authors do. With a known camera matrix, the same raw
+numbers are read as where the hand appears in the crop and how large, so that the network sees no
+difference and the 3D hand is right for the true camera.
+"""
+
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+REFERENCE_SIZE: Final = 224.0
+"""Side of the paper's crop, pixels: the unit in which the data term and σ are measured."""
+
+REFERENCE_FOCAL: Final = 500.0
+"""Focal length on the reference crop, pixels (the authors' constants; `docs/decisions.md`)."""
+
+
+def default_intrinsics(crop_size: int, like: Tensor) -> Float[Tensor, "3 3"]:
+    """The camera matrix of an uncalibrated crop, pixels of the crop."""
+    focal = REFERENCE_FOCAL * crop_size / REFERENCE_SIZE
+    centre = crop_size / 2
+    matrix = [[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]]
+    return torch.tensor(matrix, dtype=like.dtype, device=like.device)
+
+
+def project(
+    points: Float[Tensor, "*batch point 3"], intrinsics: Float[Tensor, "*batch 3 3"]
+) -> Float[Tensor, "*batch point 2"]:
+    """Pixels of points in front of the camera.
+
+    Args:
+        points: Camera frame, metres. Depths below 1 cm are treated as 1 cm: no gradient explodes when
+            a hand is thrown behind the camera early in training.
+        intrinsics: Camera matrix, pixels.
+    """
+    depth = points[..., 2:].clamp(min=0.01)
+    on_plane = torch.cat([points[..., :2] / depth, torch.ones_like(depth)], dim=-1)
+    return (on_plane @ intrinsics.mT)[..., :2]
+
+
+def raw_to_translation(raw: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """The network's (log s, t_x, t_y) → translation in the uncalibrated camera, metres (Sec. 3.1).
+
+    T = (t_x, t_y, f / s) with s = exp(raw): the hand's size in the crop, in pixels of the reference crop
+    per metre. A hand that fills two thirds of the crop has a raw scale near 6.7.
+    """
+    depth = REFERENCE_FOCAL * torch.exp(-raw[..., :1])
+    return torch.cat([raw[..., 1:], depth], dim=-1)
+
+
+def to_true_camera(
+    rotation: Float[Tensor, "*batch 3 3"],
+    translation: Float[Tensor, "*batch 3"],
+    intrinsics: Float[Tensor, "*batch 3 3"],
+    crop_size: int,
+) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3"]]:
+    """Move a placement from the uncalibrated camera to one with a known matrix.
+
+    The hand stays where it is in the crop and as large; its depth follows from the true focal length,
+    and it turns with the ray towards it, so that an off-centre crop shows it from the same side.
+
+    Args:
+        rotation: Hand to uncalibrated camera.
+        translation: In the uncalibrated camera, metres.
+        intrinsics: Camera matrix of the crop, pixels of the crop.
+        crop_size: Side of the crop, pixels.
+    """
+    assumed = default_intrinsics(crop_size, translation).expand_as(intrinsics)
+    pixel = project(translation[..., None, :], assumed)[..., 0, :]
+    homogeneous = torch.cat([pixel, torch.ones_like(pixel[..., :1])], dim=-1)
+    ray = torch.linalg.solve(intrinsics, homogeneous[..., None])[..., 0]
+    assumed_ray = torch.linalg.solve(assumed, homogeneous[..., None])[..., 0]
+    # The area of a pixel on the image plane, so that skewed and rotated crops work too.
+    focal = torch.linalg.det(intrinsics[..., :2, :2]).abs().sqrt()
+    depth = translation[..., 2] * focal / assumed[..., 0, 0]
+    turn = rotation_between(assumed_ray, ray)
+    return turn @ rotation, ray * depth[..., None]
+
+
+def rotation_between(
+    source: Float[Tensor, "*batch 3"], target: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch 3 3"]:
+    """The smallest rotation that takes one direction to another less than 180° away (Rodrigues)."""
+    source = torch.nn.functional.normalize(source, dim=-1)
+    target = torch.nn.functional.normalize(target, dim=-1)
+    axis = torch.linalg.cross(source, target)
+    cosine = (source * target).sum(dim=-1)[..., None, None]
+    zero = torch.zeros_like(axis[..., 0])
+    skew = torch.stack(
+        [zero, -axis[..., 2], axis[..., 1], axis[..., 2], zero, -axis[..., 0],
+         -axis[..., 1], axis[..., 0], zero], dim=-1,
+    ).unflatten(-1, (3, 3))  # fmt: skip
+    eye = torch.eye(3, dtype=source.dtype, device=source.device)
+    return eye + skew + skew @ skew / (1 + cosine)
+
+
+def six_d_to_rotation(six: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3 3"]:
+    """The rotation nearest in Gram–Schmidt's sense to two columns (Zhou et al., CVPR 2019).
+
+    The root is not an Euler triple as in the authors' code, which locks at ±90° (`docs/decisions.md`).
+    """
+    first = torch.nn.functional.normalize(six[..., :3], dim=-1)
+    rest = six[..., 3:] - (first * six[..., 3:]).sum(dim=-1, keepdim=True) * first
+    second = torch.nn.functional.normalize(rest, dim=-1)
+    return torch.stack([first, second, torch.linalg.cross(first, second)], dim=-1)

@@ -1,0 +1,172 @@
+"""From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import hydra
+import lightning
+import torch
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue
+
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.training import HandReconstruction
+
+CONF: Final = str(Path(__file__).resolve().parents[1] / "conf")
+"""Absolute, because Hydra would look for a package of that name when a console script starts it."""
+
+TRUSTED: Final = ("hand_recon.", "torch.", "torchvision.", "lightning.", "torchmetrics.")
+"""Where `_target_`s may come from: a checkpoint's configuration must not call anything else."""
+
+CONFIG_KEY: Final = "hand_recon_config"
+"""Where a checkpoint keeps the resolved configuration, as plain data."""
+
+
+def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
+    """Hydra's `instantiate`, for targets of this project and the libraries it is built on.
+
+    Raises:
+        ValueError: A `_target_` lies elsewhere.
+    """
+    if config is None:
+        return None
+    _refuse_strangers(OmegaConf.to_container(config, resolve=False))
+    return hydra.utils.instantiate(config, **arguments)
+
+
+def _refuse_strangers(node: object) -> None:
+    if isinstance(node, Mapping):
+        target = node.get("_target_")
+        if target is not None and not str(target).startswith(TRUSTED):
+            raise ValueError(
+                f"The configuration asks to call {target!r}. Only targets under {TRUSTED} are "
+                "called, since a checkpoint from elsewhere may ask for anything; "
+                "wrap what you need in a module of hand_recon."
+            )
+        for value in node.values():
+            _refuse_strangers(value)
+    elif isinstance(node, list):
+        for value in node:
+            _refuse_strangers(value)
+
+
+def build_hand(config: DictConfig) -> HandModel:
+    """The hand model of a run."""
+    hand: HandModel = instantiate(config.hand)
+    return hand
+
+
+def build_data(config: DictConfig) -> HandDataModule:
+    """The datamodule of a run.
+
+    Raises:
+        ValueError: A mandatory value such as `data.root` was not given.
+    """
+    try:
+        OmegaConf.to_container(config.data, resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        raise ValueError(
+            f"{str(error).splitlines()[0]} Give it on the command line, for example "
+            "`data=freihand data.root=/path/to/FreiHAND_pub_v2`; data/README.md tells where each "
+            "dataset comes from."
+        ) from error
+    data: HandDataModule = instantiate(config.data)
+    return data
+
+
+def build_module(config: DictConfig) -> HandReconstruction:
+    """The Lightning module of a run, with fresh weights."""
+    hand = build_hand(config)
+    prior = {key: value for key, value in config.prior.items() if key != "ranges"}
+    ranges = load_ranges(config.prior.ranges, hand.rest_angles)
+    optimizer = {key: value for key, value in config.optimizer.items() if key != "schedule"}
+    return HandReconstruction(
+        reconstructor=instantiate(config.model, hand=hand),
+        prior=instantiate(OmegaConf.create(prior), ranges=ranges),
+        data_term=instantiate(config.data_term),
+        optimizer=instantiate(OmegaConf.create(optimizer)),
+        scheduler=instantiate(config.optimizer.schedule),
+    )
+
+
+def set_threads(threads: int | None) -> int:
+    """Fix the number of compute threads and return it.
+
+    Without a number, every core that this process may use: more than that is many times slower.
+    """
+    count = threads or len(os.sched_getaffinity(0))
+    torch.set_num_threads(count)
+    return count
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """The configuration with every reference resolved, as plain data."""
+    container = OmegaConf.to_container(config, resolve=True)
+    return dict(container)  # type: ignore[arg-type]  # the root of a configuration is a mapping
+
+
+class ConfigInCheckpoint(lightning.Callback):
+    """Writes the resolved configuration into every checkpoint, so that it can be rebuilt from it."""
+
+    def __init__(self, config: dict[str, Any]) -> None:
+        super().__init__()
+        self.config = config
+
+    def on_save_checkpoint(
+        self,
+        trainer: lightning.Trainer,
+        pl_module: lightning.LightningModule,
+        checkpoint: dict[str, Any],
+    ) -> None:
+        """Add the configuration."""
+        checkpoint[CONFIG_KEY] = self.config
+
+
+def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
+    """A checkpoint's contents and its configuration.
+
+    Args:
+        path: A `.ckpt` file of this project, or the folder of a run (its best checkpoint is taken).
+
+    Raises:
+        FileNotFoundError: There is no such checkpoint.
+        ValueError: The file is not a checkpoint of this project.
+    """
+    path = Path(path).expanduser()
+    file = path / "checkpoints" / "best.ckpt" if path.is_dir() else path
+    if not file.is_file():
+        raise FileNotFoundError(
+            f"No checkpoint at {file}. Give a run's folder, or a file such as "
+            "outputs/train/<time>/checkpoints/best.ckpt."
+        )
+    checkpoint = torch.load(file, map_location="cpu", weights_only=True)
+    if CONFIG_KEY not in checkpoint:
+        raise ValueError(
+            f"{file} has no configuration of hand_recon in it (it has {sorted(checkpoint)}). "
+            "Only checkpoints that hand_recon.train wrote can be read."
+        )
+    return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+
+
+def load_module(
+    path: str | Path, landmarks: str | None = None
+) -> tuple[HandReconstruction, DictConfig]:
+    """A trained module and the configuration it was trained with; see `read_checkpoint`.
+
+    Args:
+        path: Checkpoint, or folder of a run.
+        landmarks: Landmark set to predict in place of the one that was trained, for data whose
+            annotators put the landmarks elsewhere: the hand is the same.
+    """
+    checkpoint, config = read_checkpoint(path)
+    if landmarks is not None:
+        config.hand.landmarks = landmarks
+    # The weights are in the checkpoint: nothing may be downloaded for them again.
+    config.model.encoder.weights = "none"
+    module = build_module(config)
+    module.load_state_dict(checkpoint["state_dict"], strict=True)
+    return module.eval(), config

@@ -1,0 +1,187 @@
+"""Square crops: pixels, labels and camera go through one matrix (Sec. 4.1).
+
+Pixel i of a row covers [i, i + 1) and its centre is at i + 0.5, so an image w pixels wide spans
+[0, w], the middle of a crop is at half its side and resizing is a pure scaling. A point (x, y, z)
+of the camera's frame falls on u = f_x x / z + c_x in the same coordinates. OpenCV counts from pixel
+centres; the half pixel is added and taken away here and nowhere else.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+POLICIES: Final = ("full", "joints")
+"""What a crop can be made around: the whole image, or the box of the labelled landmarks."""
+
+
+@dataclass(frozen=True)
+class Square:
+    """The part of an image that becomes a crop."""
+
+    centre: tuple[float, float]
+    """Column and row of its middle, pixels of the image."""
+    side: float
+    """Length of a side, pixels of the image."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.centre).all() and np.isfinite(self.side) and self.side > 0):
+            raise ValueError(
+                f"A crop needs a finite centre and a positive side, found centre {self.centre} and "
+                f"side {self.side}; look for landmarks that all coincide or are missing."
+            )
+
+
+@dataclass(frozen=True)
+class CropPolicy:
+    """How a dataset cuts its crops.
+
+    Raises:
+        ValueError: There is no such policy, or the crop would be empty.
+    """
+
+    size: int = 224
+    """Side of the crop, pixels."""
+    around: str = "full"
+    """`full` for the whole image, `joints` for the box of the labelled landmarks."""
+    expansion: float = 1.5
+    """Side of a crop around landmarks, as a multiple of their box's longer side."""
+
+    def __post_init__(self) -> None:
+        if self.around not in POLICIES:
+            raise ValueError(f"Unknown crop {self.around!r}; choose one of {list(POLICIES)}.")
+        if self.size < 1 or not self.expansion > 0:
+            raise ValueError(
+                f"A crop of {self.size} pixels at expansion {self.expansion} shows nothing; both "
+                "must be positive."
+            )
+
+    def matrix(
+        self, image_size: tuple[int, int], landmarks: Float[np.ndarray, "landmark 2"]
+    ) -> Float[np.ndarray, "3 3"]:
+        """Image → crop, for one image.
+
+        Args:
+            image_size: Height and width, pixels.
+            landmarks: Pixels of the image, NaN where not labelled.
+        """
+        if self.around == "full":
+            square = whole_image(*image_size)
+        else:
+            square = around_landmarks(landmarks, self.expansion)
+        return crop_matrix(square, self.size)
+
+
+def whole_image(height: int, width: int) -> Square:
+    """The smallest square about the middle that holds the image."""
+    return Square(centre=(width / 2, height / 2), side=float(max(height, width)))
+
+
+def around_landmarks(landmarks: Float[np.ndarray, "landmark 2"], expansion: float = 1.5) -> Square:
+    """The square about the landmarks' bounding box.
+
+    Args:
+        landmarks: Pixels of the image; those that are NaN are left out.
+        expansion: Side of the square as a multiple of the box's longer side.
+
+    Raises:
+        ValueError: Fewer than two landmarks are labelled, or they coincide.
+    """
+    labelled = landmarks[np.isfinite(landmarks).all(axis=-1)]
+    if len(labelled) < 2:
+        raise ValueError(
+            f"A crop around landmarks needs two or more that are labelled, found {len(labelled)}; "
+            "use crop=full for this dataset, or leave the sample out."
+        )
+    left, top = labelled.min(axis=0).tolist()
+    right, bottom = labelled.max(axis=0).tolist()
+    return around_box((left, top, right, bottom), expansion)
+
+
+def around_box(box: tuple[float, float, float, float], expansion: float = 1.0) -> Square:
+    """The square about a box.
+
+    Args:
+        box: Left, top, right and bottom, pixels of the image.
+        expansion: Side of the square as a multiple of the box's longer side.
+    """
+    left, top, right, bottom = box
+    side = max(right - left, bottom - top) * expansion
+    return Square(centre=((left + right) / 2, (top + bottom) / 2), side=side)
+
+
+def crop_matrix(square: Square, crop_size: int, rotation: float = 0.0) -> Float[np.ndarray, "3 3"]:
+    """Pixels of the image → pixels of the crop.
+
+    Args:
+        square: What to cut out.
+        crop_size: Side of the crop, pixels.
+        rotation: Turns what is seen about the crop's middle, from x towards y (clockwise), radians.
+    """
+    scale = crop_size / square.side
+    cosine, sine = scale * np.cos(rotation), scale * np.sin(rotation)
+    linear = np.array([[cosine, -sine], [sine, cosine]])
+    matrix = np.eye(3)
+    matrix[:2, :2] = linear
+    matrix[:2, 2] = crop_size / 2 - linear @ np.array(square.centre)
+    return matrix
+
+
+def crop_points(
+    points: Float[np.ndarray, "*batch 2"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Where points of the image are in the crop; NaN stays NaN."""
+    return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])
+
+
+def uncrop_points(
+    points: Float[np.ndarray, "*batch 2"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Where points of the crop are in the image."""
+    return crop_points(points, np.linalg.inv(matrix))
+
+
+def crop_intrinsics(
+    intrinsics: Float[np.ndarray, "3 3"], matrix: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """The camera matrix of the crop, so that projections land where the pixels went."""
+    return np.asarray(matrix @ intrinsics)
+
+
+def crop_image(
+    image: UInt8[np.ndarray, "height width 3"], matrix: Float[np.ndarray, "3 3"], crop_size: int
+) -> UInt8[np.ndarray, "{crop_size} {crop_size} 3"]:
+    """Cut a crop out of an image, black where there is no image.
+
+    A crop smaller than what it shows is averaged over the pixels it stands for, so that thin
+    fingers do not break up.
+
+    Args:
+        image: Any three channels.
+        matrix: Image → crop, of `crop_matrix`.
+        crop_size: Side of the crop, pixels.
+    """
+    shrinks = 1 / np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+    if _is_plain_resize(image, matrix, crop_size):
+        method = cv2.INTER_AREA if shrinks > 1 else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(image, (crop_size, crop_size), interpolation=method))
+    oversampling = max(1, int(np.ceil(shrinks)))
+    finer = np.diag([oversampling, oversampling, 1.0]) @ matrix
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    from_centres = np.linalg.inv(half) @ finer @ half
+    size = (crop_size * oversampling, crop_size * oversampling)
+    crop = cv2.warpAffine(image, from_centres[:2], size, flags=cv2.INTER_LINEAR)
+    if oversampling > 1:
+        crop = cv2.resize(crop, (crop_size, crop_size), interpolation=cv2.INTER_AREA)
+    return np.asarray(crop)
+
+
+def _is_plain_resize(
+    image: UInt8[np.ndarray, "height width 3"], matrix: Float[np.ndarray, "3 3"], crop_size: int
+) -> bool:
+    """Whether the crop is the whole of a square image: then its border needs no black outside."""
+    height, width = image.shape[:2]
+    scale = crop_size / width
+    return height == width and bool(np.allclose(matrix, np.diag([scale, scale, 1]), atol=1e-9))

@@ -1,0 +1,227 @@
+"""What all datamodules share: loaders, order, threads and augmentation on the device (Sec. 4.1)."""
+
+import logging
+import zlib
+from collections.abc import Callable, Iterator, Sized
+from typing import Protocol, runtime_checkable
+
+import cv2
+import lightning
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.utils.data import DataLoader, Sampler
+
+from hand_recon.data.augment import Augmentation, to_float
+from hand_recon.schema import HandBatch, HandSample, collate
+
+logger = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class HandDataset(Protocol):
+    """What a datamodule needs of a dataset; any map-style `Dataset[HandSample]` fits."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> HandSample: ...
+
+
+DatasetFactory = Callable[[], HandDataset]
+"""Builds a dataset when it is first needed: a class or function with its arguments bound."""
+
+
+class HandDataModule(lightning.LightningDataModule):
+    """Loaders of crops for training, validation and test, built only when a stage needs them."""
+
+    name = "hands"
+    """What reports call this dataset."""
+    landmarks = "knuckle"
+    """The hand model's landmark set that this dataset's labels follow."""
+
+    def __init__(
+        self,
+        train: DatasetFactory,
+        val: DatasetFactory,
+        test: DatasetFactory,
+        *,
+        crop_size: int,
+        batch_size: int = 64,
+        workers: int = 0,
+        augmentation: Augmentation | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Remember what to build.
+
+        Args:
+            train: Builds the training set.
+            val: Builds the validation set.
+            test: Builds the test set.
+            crop_size: Side of the square crops that they give, pixels.
+            batch_size: Hands per batch and process.
+            workers: Loading processes; zero loads in the training process.
+            augmentation: Applied to training batches on the training device; none for none.
+            seed: Fixes the order of samples and every draw of the augmentation.
+
+        Raises:
+            ValueError: The batch has no place for a hand.
+        """
+        super().__init__()
+        if batch_size < 1 or workers < 0:
+            raise ValueError(
+                f"batch_size={batch_size} must be at least 1 and workers={workers} at least 0."
+            )
+        self.crop_size = crop_size
+        self.batch_size = batch_size
+        self.workers = workers
+        self.augmentation = augmentation
+        self.seed = seed
+        self._factories = {"train": train, "val": val, "test": test}
+        self._datasets: dict[str, HandDataset] = {}
+
+    def prepare_data(self) -> None:
+        """Build what is needed next in one process per machine: the others find its caches."""
+        function = self.trainer.state.fn if self.trainer is not None else None
+        self.setup(str(function.value) if function is not None else None)
+
+    def setup(self, stage: str | None = None) -> None:
+        """Build the datasets of a stage that are not there yet.
+
+        Args:
+            stage: `fit`, `validate`, `test` or `predict` (the test set); none builds everything.
+        """
+        needed = {
+            "fit": ("train", "val"),
+            "validate": ("val",),
+            "test": ("test",),
+            "predict": ("test",),
+        }
+        for split in needed.get(stage or "all", tuple(self._factories)):
+            self.dataset(split)
+
+    def dataset(self, split: str) -> HandDataset:
+        """The dataset of a split, built on first use.
+
+        Raises:
+            ValueError: The split is unknown, or has no samples.
+        """
+        if split not in self._factories:
+            raise ValueError(f"Unknown split {split!r}; the splits are {sorted(self._factories)}.")
+        if split not in self._datasets:
+            dataset = self._factories[split]()
+            if len(dataset) == 0:
+                raise ValueError(
+                    f"The {split} split of {self.name} is empty; give it more samples, or a larger "
+                    "share of them."
+                )
+            self._datasets[split] = dataset
+        return self._datasets[split]
+
+    def train_dataloader(self) -> DataLoader[HandSample]:
+        """Shuffled batches of equal size; fewer samples than one batch make a smaller batch."""
+        dataset = self.dataset("train")
+        batch_size = min(self.batch_size, len(dataset))
+        if batch_size < self.batch_size:
+            logger.warning(
+                "%s has %d training samples, fewer than batch_size=%d: batches have %d instead.",
+                self.name, len(dataset), self.batch_size, batch_size,
+            )  # fmt: skip
+        sampler = SeededShuffle(dataset, self.seed)
+        return self._loader("train", batch_size, sampler=sampler, drop_last=True)
+
+    def val_dataloader(self) -> DataLoader[HandSample]:
+        """Validation batches in order."""
+        return self._loader("val", self.batch_size)
+
+    def test_dataloader(self) -> DataLoader[HandSample]:
+        """Test batches in order."""
+        return self._loader("test", self.batch_size)
+
+    def predict_dataloader(self) -> DataLoader[HandSample]:
+        """Test batches in order."""
+        return self.test_dataloader()
+
+    def on_after_batch_transfer(self, batch: HandBatch, dataloader_idx: int) -> HandBatch:
+        """Turn the image into floats 0–1 and, in training, augment on the training device."""
+        del dataloader_idx
+        trainer = self.trainer
+        if self.augmentation is None or trainer is None or not trainer.training:
+            return to_float(batch)
+        # The draws depend on the step, not on the past: a resumed run sees the same pictures.
+        place = (self.seed, trainer.global_rank, trainer.fit_loop.total_batch_idx)
+        generator = torch.Generator().manual_seed(zlib.crc32(repr(place).encode()))
+        return self.augmentation(batch, generator)
+
+    def train_ground_truth(
+        self, limit: int | None = None
+    ) -> (
+        tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
+    ):
+        """The training set's landmarks and vertices in 3D, for baselines only: training never asks.
+
+        Args:
+            limit: At most so many samples, spread evenly over the set.
+
+        Returns:
+            Landmarks and, where there are any, vertices, in the camera's frame, metres; None where
+            the dataset has no 3D.
+        """
+        dataset = self.ground_truth_dataset()
+        count = min(limit or len(dataset), len(dataset))
+        batch = collate([dataset[index * len(dataset) // count] for index in range(count)])
+        if batch.landmarks_3d is None:
+            return None
+        return batch.landmarks_3d, batch.vertices
+
+    def ground_truth_dataset(self) -> HandDataset:
+        """The training set, with vertices where they can be had."""
+        return self.dataset("train")
+
+    def _loader(
+        self,
+        split: str,
+        batch_size: int,
+        *,
+        sampler: Sampler[int] | None = None,
+        drop_last: bool = False,
+    ) -> DataLoader[HandSample]:
+        return DataLoader(
+            self.dataset(split),  # type: ignore[arg-type]  # any sized, indexable object will do
+            batch_size=batch_size,
+            sampler=sampler,
+            drop_last=drop_last,
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
+            pin_memory=torch.cuda.is_available(),
+            collate_fn=collate,
+            worker_init_fn=limit_threads,
+        )
+
+
+class SeededShuffle(Sampler[int]):
+    """A new order in each epoch, from the seed and the epoch alone, so that it can be resumed."""
+
+    def __init__(self, dataset: Sized, seed: int) -> None:
+        """Shuffle the indices of `dataset`."""
+        self.dataset = dataset
+        self.seed = seed
+        self.epoch = 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the order; Lightning calls this at the start of each epoch."""
+        self.epoch = epoch
+
+    def __iter__(self) -> Iterator[int]:
+        place = repr((self.seed, self.epoch)).encode()
+        generator = torch.Generator().manual_seed(zlib.crc32(place))
+        yield from torch.randperm(len(self.dataset), generator=generator).tolist()
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+
+def limit_threads(worker: int) -> None:
+    """Keep each loading process to one thread: many processes times many threads is slower."""
+    del worker
+    torch.set_num_threads(1)
+    cv2.setNumThreads(0)

@@ -1,0 +1,272 @@
+"""FreiHAND's folders: what must be there, what it must look like, and what to do if it does not.
+
+One part is `training` or `evaluation`: `<part>/rgb/00000000.jpg` …, `<part>_K.json`,
+`<part>_xyz.json` and, where present, `<part>_scale.json` and `<part>_verts.json` (Zimmermann et
+al., ICCV 2019, version 2).
+"""
+
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from hand_recon.data.cache import digest
+from hand_recon.data.json_arrays import load_json_array
+
+logger = logging.getLogger(__name__)
+
+VERSIONS: Final = ("gs", "hom", "sample", "auto")
+"""Green screen and three recolourings: image i + N·v is version v of hand i."""
+
+ARCHIVES: Final = {"training": "FreiHAND_pub_v2.zip", "evaluation": "FreiHAND_pub_v2_eval.zip"}
+"""Which download holds each part's annotations."""
+
+MANO_TIPS: Final = (744, 320, 443, 555, 672)
+"""Vertices at which FreiHAND's labels put the fingertips, thumb first, on MANO's surface."""
+
+SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+"""Kinds of picture that are read; one folder holds one kind."""
+
+
+@dataclass(frozen=True)
+class FreiHandPart:
+    """One part of a FreiHAND folder, checked."""
+
+    root: Path
+    """The folder that holds the annotations."""
+    rgb: Path
+    """The folder that holds the pictures."""
+    suffix: str
+    """How their names end."""
+    versions: tuple[str, ...]
+    """Which versions of each hand are there."""
+    fingerprint: str
+    """Changes whenever a picture or a label does."""
+    intrinsics: Float[np.ndarray, "hand 3 3"]
+    """Camera matrices, pixels of the image."""
+    landmarks: Float[np.ndarray, "hand landmark=21 3"]
+    """Camera frame, metres."""
+
+    @property
+    def name(self) -> str:
+        """`training` or `evaluation`."""
+        return self.rgb.parent.name
+
+    def __len__(self) -> int:
+        return len(self.landmarks)
+
+    def image(self, index: int) -> Path:
+        """The file of an image."""
+        return self.rgb / f"{index:08d}{self.suffix}"
+
+    def projections(self) -> Float[np.ndarray, "hand landmark=21 2"]:
+        """The 2D labels, which FreiHAND does not store: u = K x / z, pixels of the image."""
+        landmarks = self.landmarks.astype(np.float64)
+        on_plane = (landmarks / landmarks[..., 2:]) @ self.intrinsics.swapaxes(1, 2)
+        return np.asarray(on_plane[..., :2])
+
+    def vertices(self, cache_dir: Path | None) -> Float[np.ndarray, "hand vertex 3"] | None:
+        """Ground truth surfaces in the camera's frame, metres; None if the file is not there.
+
+        Raises:
+            ValueError: There are more or fewer of them than hands.
+        """
+        path = self.root / f"{self.name}_verts.json"
+        if not path.is_file():
+            return None
+        vertices = load_json_array(path, cache_dir)
+        _check_shape(path, vertices, (len(self), None, 3))
+        return vertices
+
+
+def open_part(
+    root: Path, part: str, cache_dir: Path | None, rgb_root: Path | None = None
+) -> FreiHandPart:
+    """Read and check one part.
+
+    Args:
+        root: Folder of the annotations.
+        part: `training` or `evaluation`.
+        cache_dir: Where parsed annotations are kept; none parses them every time.
+        rgb_root: Folder of the pictures, if it is another.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: The files contradict each other, or cannot be hands.
+    """
+    landmarks = _load(root, part, "xyz", (None, 21, 3), cache_dir)
+    intrinsics = _load(root, part, "K", (len(landmarks), 3, 3), cache_dir)
+    _check_landmarks(root / f"{part}_xyz.json", landmarks)
+    _check_intrinsics(root / f"{part}_K.json", intrinsics)
+    if (root / f"{part}_scale.json").is_file():
+        scale = _load(root, part, "scale", (len(landmarks),), cache_dir)
+        _check_scale(root / f"{part}_scale.json", landmarks, scale)
+    rgb = (rgb_root or root) / part / "rgb"
+    suffix, count, fingerprint = _list_images(rgb)
+    allowed = len(VERSIONS) if part == "training" else 1
+    if count not in [len(landmarks) * versions for versions in range(1, allowed + 1)]:
+        multiples = "once to four times" if allowed > 1 else "exactly"
+        raise ValueError(
+            f"{rgb} holds {count} images, but {root / f'{part}_xyz.json'} annotates "
+            f"{len(landmarks)} hands: expected {multiples} as many "
+            f"images ({len(landmarks) * allowed} in a full set). Unpack {ARCHIVES[part]} again, or "
+            "cut the JSON lists to the images that you have."
+        )
+    labels = digest(landmarks.tobytes(), intrinsics.tobytes())
+    return FreiHandPart(
+        root=root,
+        rgb=rgb,
+        suffix=suffix,
+        versions=VERSIONS[: count // len(landmarks)],
+        fingerprint=digest(fingerprint, labels),
+        intrinsics=intrinsics,
+        landmarks=landmarks,
+    )
+
+
+def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Path] | None:
+    """Where the evaluation's annotations and pictures are: its archive unpacks beside the other.
+
+    Args:
+        root: Folder of the training part.
+        eval_root: Folder of the evaluation part, if the user named one.
+
+    Returns:
+        Folder of the annotations and folder of `evaluation/rgb`; None if nothing is annotated.
+    """
+    beside = (root, root.with_name(f"{root.name}_eval"), root / "FreiHAND_pub_v2_eval")
+    for folder in beside if eval_root is None else (Path(eval_root).expanduser(),):
+        if (folder / "evaluation_xyz.json").is_file():
+            return folder, folder if (folder / "evaluation" / "rgb").is_dir() else root
+    return None
+
+
+def follows_mano(
+    vertices: Float[np.ndarray, "hand vertex 3"], landmarks: Float[np.ndarray, "hand landmark=21 3"]
+) -> bool:
+    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips."""
+    if vertices.shape[1] != 778:
+        return False
+    tips = np.asarray(vertices[:100, MANO_TIPS])
+    return bool(np.abs(tips - landmarks[:100, 4::4]).max() < 1e-3)
+
+
+def _load(
+    root: Path, part: str, kind: str, shape: tuple[int | None, ...], cache_dir: Path | None
+) -> Float[np.ndarray, "..."]:
+    path = root / f"{part}_{kind}.json"
+    if not path.is_file():
+        raise FileNotFoundError(_missing(root, path.name, part))
+    # The lists are small, and are read at every sample: hold them in memory.
+    array = np.array(load_json_array(path, cache_dir))
+    _check_shape(path, array, shape)
+    return array
+
+
+def _missing(root: Path, name: str, part: str) -> str:
+    """What to say when a file is not there."""
+    if not root.is_dir():
+        return (
+            f"No folder {root}. Unpack {ARCHIVES['training']} and set data.root to the folder that "
+            "holds training_xyz.json (data/README.md says where to get it), or run data=synthetic, "
+            "which needs no files."
+        )
+    nested = sorted(path.parent for path in root.glob(f"*/{name}"))
+    if nested:
+        return f"No {name} in {root}, but there is one in {nested[0]}: set data.root={nested[0]}."
+    return (
+        f"No {name} in {root}. It is part of {ARCHIVES[part]}: unpack that there, or write it in "
+        "the same format for your own pictures (data/README.md)."
+    )
+
+
+def _list_images(rgb: Path) -> tuple[str, int, str]:
+    """Suffix, number and fingerprint of the pictures, which must be numbered without gaps."""
+    if not rgb.is_dir():
+        raise FileNotFoundError(
+            f"No folder {rgb}. It holds the pictures 00000000.jpg, 00000001.jpg and so on: unpack "
+            f"{ARCHIVES['training']} again."
+        )
+    found: dict[str, tuple[int, int]] = {}
+    with os.scandir(rgb) as entries:
+        for entry in entries:
+            if entry.name.lower().endswith(SUFFIXES):
+                status = entry.stat()
+                found[entry.name] = (status.st_size, status.st_mtime_ns)
+    suffixes = {Path(name).suffix for name in found}
+    if len(suffixes) != 1:
+        raise ValueError(
+            f"{rgb} holds pictures of {len(suffixes)} kinds {sorted(suffixes)}; expected one kind, "
+            f"named 00000000.jpg onwards. Convert them to one of {list(SUFFIXES)}."
+        )
+    suffix = suffixes.pop()
+    for index in range(len(found)):
+        if f"{index:08d}{suffix}" not in found:
+            raise FileNotFoundError(
+                f"{rgb / f'{index:08d}{suffix}'} is missing: {len(found)} images must be numbered "
+                f"from 00000000 to {len(found) - 1:08d} without a gap. Unpack the archive again, "
+                "or rename your own pictures."
+            )
+    return suffix, len(found), digest(str(rgb.resolve()), sorted(found.items()))
+
+
+def _check_shape(path: Path, array: np.ndarray, shape: tuple[int | None, ...]) -> None:
+    wanted = [
+        size if size is not None else found for size, found in zip(shape, array.shape, strict=False)
+    ]
+    if list(array.shape) != wanted or array.ndim != len(shape):
+        expected = " × ".join("any" if size is None else str(size) for size in shape)
+        raise ValueError(
+            f"{path} holds an array of {' × '.join(map(str, array.shape))}, expected {expected} "
+            "(one entry per hand of the _xyz file). Take all annotations from the same archive."
+        )
+
+
+def _check_landmarks(path: Path, landmarks: Float[np.ndarray, "hand landmark=21 3"]) -> None:
+    """Refuse what cannot be hands in front of a camera, in metres."""
+    _refuse(path, ~np.isfinite(landmarks).all(axis=(1, 2)), "landmarks that are not finite")
+    behind = np.any(landmarks[..., 2] <= 0, axis=1)
+    _refuse(path, behind, "landmarks at z ≤ 0, behind the camera (OpenGL axes? turn y and z round)")
+    phalanx = float(np.median(np.linalg.norm(landmarks[:, 9] - landmarks[:, 10], axis=-1)))
+    if not 0.005 < phalanx < 0.15:
+        raise ValueError(
+            f"{path}: the middle finger's proximal phalanx is {phalanx:.4g} long in the median, "
+            "expected about 0.03: the unit must be metres and the order of landmarks FreiHAND's."
+        )
+
+
+def _check_intrinsics(path: Path, intrinsics: Float[np.ndarray, "hand 3 3"]) -> None:
+    """Refuse what is no camera matrix."""
+    focal = intrinsics[:, [0, 1], [0, 1]]
+    last_row = np.abs(intrinsics[:, 2] - np.array([0, 0, 1])).max(axis=-1) < 1e-6
+    good = np.isfinite(intrinsics).all(axis=(1, 2)) & (focal > 1).all(axis=-1) & last_row
+    _refuse(path, ~good, "matrices that are not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
+
+
+def _check_scale(
+    path: Path,
+    landmarks: Float[np.ndarray, "hand landmark=21 3"],
+    scale: Float[np.ndarray, " hand"],
+) -> None:
+    """The scale is the length of the middle finger's proximal phalanx, if the order is right."""
+    phalanx = np.linalg.norm(landmarks[:, 9] - landmarks[:, 10], axis=-1)
+    wrong = ~(np.abs(phalanx - scale) < 0.01 * phalanx)
+    # A few hands may have been annotated anew; a wrong order or unit breaks nearly all of them.
+    if wrong.mean() <= 0.01:
+        for index in np.flatnonzero(wrong)[:5]:
+            logger.warning("%s: entry %d is not the length of its phalanx.", path, index)
+        return
+    _refuse(path, wrong, "lengths that differ from ‖xyz[9] - xyz[10]‖ (is the order FreiHAND's?)")
+
+
+def _refuse(path: Path, wrong: np.ndarray, what: str) -> None:
+    if wrong.any():
+        first = ", ".join(str(index) for index in np.flatnonzero(wrong)[:5])
+        raise ValueError(
+            f"{path}: {int(wrong.sum())} of {len(wrong)} hands have {what}; the first are {first}. "
+            "Mend them or take them out of every list."
+        )

@@ -1,0 +1,36 @@
+"""Progress that is a bar on a terminal and plain log lines everywhere else."""
+
+import logging
+import time
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import track
+
+logger = logging.getLogger(__name__)
+
+Item = TypeVar("Item")
+
+SECONDS_BETWEEN_LINES = 10.0
+"""How often a log file hears of a long task."""
+
+
+def with_progress(items: Iterable[Item], total: int, task: str) -> Iterator[Item]:
+    """Pass items on and say how far they are.
+
+    Args:
+        items: What is worked on.
+        total: How many there are.
+        task: What is being done, for people.
+    """
+    if Console(stderr=True).is_terminal:
+        yield from track(items, task, total=total, console=Console(stderr=True), transient=True)
+        return
+    start = spoken = time.monotonic()
+    for done, item in enumerate(items, start=1):
+        yield item
+        now = time.monotonic()
+        if now - spoken > SECONDS_BETWEEN_LINES:
+            spoken = now
+            logger.info("%s: %d of %d, %.0f per second", task, done, total, done / (now - start))

@@ -1,0 +1,149 @@
+"""What is behind the hand: walls, gradients, cloth, noise, shapes and clutter; sRGB in 0–1."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from hand_recon.data.synthetic.levels import Level
+
+Image = Float[np.ndarray, "height width 3"]
+
+
+def sample_background(
+    random: np.random.Generator, level: Level, size: int, *, held_out: bool
+) -> Image:
+    """A background of the level.
+
+    Args:
+        random: Source of randomness.
+        level: How calm or cluttered.
+        size: Side, pixels.
+        held_out: Whether tiles and cells, which training never sees, may appear.
+    """
+    if random.random() < level.calm_background:
+        return _gradient(random, size, calm=True)
+    if random.random() < level.clutter:
+        return _clutter(random, size)
+    kinds = [_gradient, _noise, _stripes, _shapes]
+    if held_out:
+        kinds += [_cells, _tiles]
+    return kinds[random.integers(len(kinds))](random, size)
+
+
+def _colours(random: np.random.Generator, count: int) -> Float[np.ndarray, "colour 3"]:
+    """Related colours: one hue family, varied, so that a background looks like one place."""
+    base = random.uniform(0.1, 0.9, size=3)
+    base = base.mean() + (base - base.mean()) * random.uniform(0.05, 0.6)
+    return np.clip(
+        base
+        + random.normal(scale=random.uniform(0.03, 0.15), size=(count, 3))
+        + random.normal(scale=random.uniform(0.03, 0.2), size=(count, 1)),
+        0,
+        1,
+    )
+
+
+def _gradient(random: np.random.Generator, size: int, *, calm: bool = False) -> Image:
+    """Light falling off along a wall."""
+    ends = _colours(random, 2)
+    if calm:
+        ends[1] = ends[0] + 0.25 * (ends[1] - ends[0])
+    corners = random.uniform(0, 1, size=(2, 2)).astype(np.float32)
+    share = cv2.resize(corners, (size, size), interpolation=cv2.INTER_LINEAR)[..., None]
+    image = ends[0] * (1 - share) + ends[1] * share
+    grain = 0.012 * random.standard_normal((size, size, 1), dtype=np.float32)
+    return np.clip(image + grain, 0, 1)
+
+
+def _smooth_noise(random: np.random.Generator, size: int, channels: int) -> Image:
+    """Sum of octaves of smooth noise, 0–1."""
+    total = np.zeros((size, size, channels), dtype=np.float32)
+    cells, weight = int(random.integers(2, 5)), 1.0
+    for _ in range(4):
+        coarse = random.standard_normal((cells, cells, channels), dtype=np.float32)
+        fine = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
+        total += weight * fine.reshape(size, size, channels)
+        cells, weight = cells * 2, weight * random.uniform(0.4, 0.8)
+    return 0.5 + 0.5 * np.tanh(total * 0.6)
+
+
+def _noise(random: np.random.Generator, size: int) -> Image:
+    """Foliage, stone, carpet."""
+    colours = _colours(random, 2)
+    share = _smooth_noise(random, size, 1)
+    return np.clip(colours[0] * (1 - share) + colours[1] * share, 0, 1)
+
+
+def _stripes(random: np.random.Generator, size: int) -> Image:
+    """Blinds, boards, cloth."""
+    colours = _colours(random, 2)
+    turn, waves = random.uniform(0, np.pi), random.uniform(2, 12)
+    grid = np.linspace(0, 1, size, dtype=np.float32)
+    along = np.cos(turn) * grid[None, :] + np.sin(turn) * grid[:, None]
+    sharp = random.uniform(0.7, 6)
+    share = 0.5 + 0.5 * np.tanh(sharp * np.sin(2 * np.pi * waves * along))[..., None]
+    return (colours[0] * (1 - share) + colours[1] * share) * _light(random, size)
+
+
+def _shapes(random: np.random.Generator, size: int) -> Image:
+    """Furniture, out of focus."""
+    canvas = np.ascontiguousarray(_gradient(random, size), dtype=np.float32)
+    _draw(random, canvas, int(random.integers(4, 14)), _colours(random, 6))
+    blur = random.uniform(0.3, 4) * size / 224
+    return np.clip(cv2.GaussianBlur(canvas, (0, 0), max(blur, 0.2)), 0, 1)
+
+
+def _clutter(random: np.random.Generator, size: int) -> Image:
+    """Everything at once, some of it the colour of skin."""
+    canvas = np.ascontiguousarray(_noise(random, size), dtype=np.float32)
+    skins = np.array([[0.93, 0.75, 0.63], [0.75, 0.52, 0.38], [0.45, 0.30, 0.22]])
+    colours = np.concatenate([random.uniform(0, 1, size=(8, 3)), skins])
+    _draw(random, canvas, int(random.integers(15, 45)), colours)
+    blur = random.uniform(0.2, 2.5) * size / 224
+    return np.clip(cv2.GaussianBlur(canvas, (0, 0), max(blur, 0.2)), 0, 1)
+
+
+def _draw(
+    random: np.random.Generator,
+    canvas: Image,
+    count: int,
+    colours: Float[np.ndarray, "colour 3"],
+) -> None:
+    """Ellipses, polygons and bars onto the canvas."""
+    size = len(canvas)
+    for _ in range(count):
+        colour = [float(c) for c in colours[random.integers(len(colours))]]
+        centre = random.uniform(-0.1, 1.1, size=2) * size
+        reach = size * random.uniform(0.04, 0.3)
+        if random.random() < 0.4:
+            axes = (int(reach) + 1, int(reach * random.uniform(0.2, 1)) + 1)
+            spot = (int(centre[0]), int(centre[1]))
+            cv2.ellipse(canvas, spot, axes, random.uniform(0, 180), 0, 360, colour, -1, cv2.LINE_AA)
+        else:
+            angles = np.sort(random.uniform(0, 2 * np.pi, size=int(random.integers(3, 7))))
+            outline = centre + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            cv2.fillPoly(canvas, [outline.astype(np.int32)], colour, cv2.LINE_AA)
+
+
+def _light(random: np.random.Generator, size: int) -> Image:
+    """Uneven light to multiply with."""
+    corners = random.uniform(0.6, 1, size=(3, 3)).astype(np.float32)
+    return cv2.resize(corners, (size, size), interpolation=cv2.INTER_LINEAR)[..., None]
+
+
+def _cells(random: np.random.Generator, size: int) -> Image:
+    """Pebbles: the nearest of some points decides the colour. Test split only."""
+    points = random.uniform(0, 1, size=(int(random.integers(10, 30)), 2)).astype(np.float32)
+    colours = _colours(random, len(points))
+    grid = np.linspace(0, 1, size, dtype=np.float32)
+    distance = (grid[:, None, None] - points[:, 0]) ** 2 + (grid[None, :, None] - points[:, 1]) ** 2
+    return colours[distance.argmin(axis=2)] * _light(random, size)
+
+
+def _tiles(random: np.random.Generator, size: int) -> Image:
+    """A tiled floor. Test split only."""
+    colours = _colours(random, 2)
+    count = random.uniform(3, 10)
+    grid = np.linspace(0, 1, size, dtype=np.float32) * count
+    odd = (np.floor(grid)[:, None] + np.floor(grid)[None, :]) % 2
+    return colours[odd.astype(int)] * _light(random, size)

@@ -1,0 +1,119 @@
+"""Synthetic hands as a dataset: rendered on first use, then read from disk."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from hand_recon.data.synthetic.picture_store import COLUMNS, ensure_store
+from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.open_hand import open_hand
+from hand_recon.schema import HandParameters, HandSample
+
+
+class SyntheticHands(Dataset[HandSample]):
+    """Pictures of the open hand with 2D labels, and the truth for evaluation.
+
+    Picture i is the same wherever it is made. Training and validation share gestures; the test split has
+    gestures, shapes and backgrounds of its own, and labels without noise.
+    """
+
+    def __init__(
+        self,
+        split: str,
+        size: int,
+        crop_size: int,
+        level: str,
+        *,
+        seed: int = 0,
+        cache_dir: Path,
+        workers: int = 0,
+        landmarks: str = "knuckle",
+        with_vertices: bool | None = None,
+    ) -> None:
+        """Open the set, rendering it first if the cache does not have it.
+
+        Args:
+            split: `train`, `val` or `test`.
+            size: Number of pictures.
+            crop_size: Side of a picture, pixels.
+            level: A key of `hand_recon.data.synthetic.levels.LEVELS`.
+            seed: Of the whole set.
+            cache_dir: Where rendered sets are kept.
+            workers: Processes that render; 0 or 1 renders in this one.
+            landmarks: The hand's landmark set, `knuckle` or `mano`.
+            with_vertices: Whether samples carry vertices, posed when read; by default all but training's.
+
+        Raises:
+            ValueError: The split or level is unknown, or a size is too small.
+        """
+        self.recipe = Recipe(split, level_named(level), crop_size, seed, landmarks)
+        self.with_vertices = split != "train" if with_vertices is None else with_vertices
+        self.folder = ensure_store(Path(cache_dir), self.recipe, size, workers)
+        with np.load(self.folder / "labels.npz") as archive:
+            self._labels = {name: torch.from_numpy(archive[name]) for name in COLUMNS}
+        self._images: np.ndarray | None = None
+        self._source = self.folder.name
+        self._hand: HandModel | None = open_hand(landmarks) if self.with_vertices else None
+
+    def __len__(self) -> int:
+        return len(self._labels["labelled"])
+
+    def __getitem__(self, index: int) -> HandSample:
+        """The picture with its labels.
+
+        Raises:
+            IndexError: There is no such picture.
+        """
+        if not 0 <= index < len(self):
+            raise IndexError(f"Picture {index} of {len(self)} synthetic hands does not exist.")
+        labels = self._labels
+        return HandSample(
+            image=torch.from_numpy(self.images[index].copy()),
+            landmarks_2d=labels["landmarks_2d"][index],
+            labelled=labels["labelled"][index],
+            index=index,
+            source=self._source,
+            intrinsics=labels["intrinsics"][index],
+            landmarks_3d=labels["landmarks_3d"][index],
+            vertices=self.vertices(index) if self.with_vertices else None,
+            occluded=labels["occluded"][index],
+            label_noise=labels["label_noise"][index],
+        )
+
+    @property
+    def images(self) -> np.ndarray:
+        """All pictures (size, 3, height, width), bytes, mapped from disk by each process for itself."""
+        if self._images is None:
+            self._images = np.load(self.folder / "images.npy", mmap_mode="r")
+        return self._images
+
+    @property
+    def landmarks_3d(self) -> Float[Tensor, "size landmark=21 3"]:
+        """The truth of the whole set, camera's frame, metres."""
+        return self._labels["landmarks_3d"]
+
+    def parameters(self, index: int | slice) -> HandParameters:
+        """Pose, shape and placement that made a picture, or several."""
+        labels = self._labels
+        return HandParameters(
+            joint_angles=labels["joint_angles"][index],
+            shape=labels["shape"][index],
+            root_rotation=labels["root_rotation"][index],
+            translation=labels["translation"][index],
+        )
+
+    def vertices(self, index: int | slice) -> Float[Tensor, "*batch vertex 3"]:
+        """The surface in the camera's frame, metres, posed from the stored parameters."""
+        hand = self._hand or open_hand(self.recipe.landmarks)
+        with torch.no_grad():
+            return hand.place(self.parameters(index)).vertices
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the mapping out: pickled, it would carry every pixel to each loader's worker."""
+        return {**self.__dict__, "_images": None}

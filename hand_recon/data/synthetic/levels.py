@@ -1,0 +1,88 @@
+"""How hard synthetic pictures are: three levels, from what two cores learn in minutes to a GPU's fare.
+
+The numbers are decisions of this project, chosen by looking at the pictures (`tools/draw_synthetic.py`).
+Pixels are those of the reference crop (224), whatever the resolution.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level of difficulty."""
+
+    name: str
+    """For messages and the cache."""
+    pose_scale: float = 1.0
+    """How far gestures go: joint angles are multiplied by it."""
+    pose_noise: float = 4.0
+    """Standard deviation of what is added to joint angles, degrees."""
+    shape_deviation: float = 1.0
+    """Standard deviation of the shape coefficients."""
+    cone: float = 40.0
+    """Largest angle between the line of sight and the palm's normal, degrees; 180 is any viewpoint."""
+    roll: float = 30.0
+    """Largest rotation in the picture plane from fingers up, degrees."""
+    focal: Range = (500.0, 500.0)
+    """Focal length, reference pixels."""
+    principal_x: Range = (112.0, 112.0)
+    """Horizontal principal point, reference pixels."""
+    principal_y: Range = (112.0, 112.0)
+    """Vertical principal point, reference pixels."""
+    fill: Range = (0.68, 0.82)
+    """Side of the landmarks' bounding square as a fraction of the crop."""
+    shift: float = 0.03
+    """Largest offset of the landmarks' centre from the crop's, as a fraction of the crop."""
+    truncation: float = 0.0
+    """Probability of an offset large enough to cut the hand off."""
+    calm_background: float = 1.0
+    """Probability of a plain or gradient background rather than a textured one."""
+    clutter: float = 0.0
+    """Probability that the background is full of shapes, some of the colour of skin."""
+    held_object: float = 0.0
+    """Probability of an object in the grasp."""
+    front_object: float = 0.0
+    """Probability of an object between camera and hand."""
+    sleeve: float = 0.3
+    """Probability of a sleeve."""
+    cast_shadows: float = 0.0
+    """Probability that the key light casts shadows."""
+    blur: float = 0.3
+    """Largest standard deviation of the lens blur, reference pixels."""
+    motion: float = 0.0
+    """Largest length of motion blur, reference pixels."""
+    sensor_noise: float = 0.01
+    """Largest standard deviation of the sensor's noise, fraction of white."""
+    jpeg_quality: tuple[int, int] = (85, 98)
+    """Range of JPEG qualities."""
+    noise_visible: float = 1.0
+    """Standard deviation of a visible landmark's label, reference pixels."""
+    noise_hidden: Range = (2.0, 3.0)
+    """Standard deviation of a hidden landmark's label, from just hidden to 4 cm deep, reference pixels."""
+    outliers: float = 0.0
+    """Probability that a label is off by `noise_outlier`."""
+    noise_outlier: float = 15.0
+    """Standard deviation of an outlier, reference pixels."""
+    missing: float = 0.0
+    """Probability that a landmark has no label."""
+
+
+LEVELS: Final[dict[str, Level]] = {
+    "easy": Level("easy"),
+    "medium": Level(
+        "medium", cone=80.0, roll=60.0, fill=(0.62, 0.83), shift=0.05, calm_background=0.25,
+        held_object=0.15, front_object=0.1, sleeve=0.5, cast_shadows=0.5, blur=0.7, motion=1.5,
+        sensor_noise=0.03, jpeg_quality=(60, 95), noise_visible=1.5, noise_hidden=(3.0, 5.0),
+    ),
+    "hard": Level(
+        "hard", cone=180.0, roll=180.0, focal=(380.0, 1000.0), principal_x=(70.0, 154.0),
+        principal_y=(70.0, 154.0), fill=(0.55, 0.85), shift=0.08, truncation=0.15,
+        calm_background=0.05, clutter=0.5, held_object=0.3, front_object=0.3, sleeve=0.5,
+        cast_shadows=0.7, blur=1.5, motion=4.0, sensor_noise=0.07, jpeg_quality=(30, 95),
+        noise_visible=2.0, noise_hidden=(4.0, 8.0), outliers=0.02, missing=0.05,
+    ),
+}  # fmt: skip
+"""From the palm in front of a plain wall to any view in clutter."""

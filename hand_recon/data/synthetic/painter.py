@@ -1,0 +1,209 @@
+"""Pixels of a scene: rays, solid textures, light, background and sensor."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hand_recon.data.synthetic.background import sample_background
+from hand_recon.data.synthetic.light import open_sky, sample_lights, shade
+from hand_recon.data.synthetic.rays import Hits, RayScene
+from hand_recon.data.synthetic.recipe import Recipe
+from hand_recon.data.synthetic.sensor import develop
+from hand_recon.data.synthetic.skin import (
+    SkinMap,
+    SkinSpots,
+    linear,
+    paint_albedo,
+    sample_paint,
+    sample_tone,
+    skin_albedo,
+    skin_map,
+)
+from hand_recon.data.synthetic.surface import SKIN, THING, Surface, merged, vertex_normals
+from hand_recon.hand.open_hand import open_hand
+
+_FAR: Final = 10.0
+"""Depth of a pixel that shows no surface, metres."""
+
+_STEP: Final = 0.006
+"""Jump of depth between neighbouring pixels that makes an outline, metres."""
+
+_NORMAL, _SKY, _TEXTURE, _DORSAL, _KNUCKLE = slice(0, 3), 3, slice(4, 7), 7, 8
+
+
+@cache
+def _skin_map(landmarks: str) -> SkinMap:
+    return skin_map(open_hand(landmarks))
+
+
+@dataclass(frozen=True)
+class _Features:
+    """What is interpolated over the triangles of all surfaces."""
+
+    corners: Float[np.ndarray, "vertex feature=9"]
+    """Normal, open sky, texture, dorsal side, knuckle redness."""
+    faces: Int[np.ndarray, "face 3"]
+    """Into the corners."""
+    material: Int[np.ndarray, " face"]
+    """Of each triangle."""
+
+    def at(self, hits: Hits) -> Float[np.ndarray, "hit feature=9"]:
+        """Features where rays met the surfaces."""
+        corners = self.corners[self.faces[hits.face]]
+        values = (hits.weights[:, None] @ corners)[:, 0]
+        values[:, _NORMAL] /= np.maximum(
+            np.linalg.norm(values[:, _NORMAL], axis=1, keepdims=True), 1e-9
+        )
+        return values
+
+
+def _features(surfaces: tuple[Surface, ...], scene: RayScene, skin: SkinMap) -> _Features:
+    vertices, faces = merged(surfaces)
+    material = np.concatenate([np.full(len(s.faces), s.material) for s in surfaces])
+    normals = vertex_normals(vertices, faces)
+    sky = open_sky(scene, vertices, normals)
+    dorsal, knuckle = np.zeros(len(vertices)), np.zeros(len(vertices))
+    dorsal[: len(skin.dorsal)], knuckle[: len(skin.knuckle)] = skin.dorsal, skin.knuckle
+    # The forearm is like the back of the hand wherever it does not face the palm's way.
+    arm = slice(len(skin.dorsal), len(surfaces[0].vertices))
+    dorsal[arm] = np.clip(surfaces[0].texture[arm, 1] / 0.02, -1, 1)
+    texture = np.concatenate([s.texture for s in surfaces])
+    columns = (normals, sky[:, None], texture, dorsal[:, None], knuckle[:, None])
+    return _Features(np.concatenate(columns, axis=1).astype(np.float32), faces, material)
+
+
+def paint_picture(
+    recipe: Recipe,
+    names: tuple[int, int],
+    surfaces: tuple[Surface, ...],
+    scene: RayScene,
+    intrinsics: Float[np.ndarray, "3 3"],
+) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
+    """A photograph of the surfaces, and which of its pixels show skin.
+
+    Args:
+        recipe: Level, size and seed.
+        names: Index of the picture, and of its appearance.
+        surfaces: Camera's frame; the first is the hand with its forearm.
+        scene: The same surfaces, ready for rays.
+        intrinsics: Pixels of the crop.
+    """
+    index, appearance = names
+    random = recipe.random(index, f"appearance {appearance}")
+    size, level = recipe.crop_size, recipe.level
+    glimpses = _look(scene, merged(surfaces)[0], intrinsics, size)
+    colour, is_skin = _colours(random, recipe, index, surfaces, (scene, glimpses))
+    behind = linear(sample_background(random, level, size, held_out=recipe.held_out))
+    picture = (1 - glimpses.over(np.ones(len(colour)), size))[..., None] * behind
+    for channel in range(3):
+        picture[..., channel] += glimpses.over(colour[:, channel], size)
+    return develop(random, level, picture), glimpses.over(is_skin, size) > 0.5
+
+
+@dataclass(frozen=True)
+class _Glimpses:
+    """What the rays of a picture saw: one ray for each plain pixel, four for each at an outline."""
+
+    hits: Hits
+    """Where they met a surface."""
+    points: Float[np.ndarray, "hit 3"]
+    """The same in the camera's frame, metres."""
+    pixel: Int[np.ndarray, " hit"]
+    """Which pixel each belongs to, row by row."""
+    weight: Float[np.ndarray, " hit"]
+    """Its share in the pixel."""
+
+    def over(
+        self, values: Float[np.ndarray, " hit"] | Bool[np.ndarray, " hit"], size: int
+    ) -> Float[np.ndarray, "height width"]:
+        """Sum of one value per hit in every pixel of a square picture."""
+        sums = np.bincount(self.pixel, self.weight * values, minlength=size * size)
+        return np.asarray(sums.reshape(size, size), dtype=np.float32)
+
+
+def _look(
+    scene: RayScene,
+    vertices: Float[np.ndarray, "vertex 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    size: int,
+) -> _Glimpses:
+    """Cast a ray through every pixel that may show the vertices, then more where the depth jumps."""
+    pixels, rays, columns = _camera_rays(vertices, intrinsics, size)
+    centre = scene.nearest(np.zeros_like(rays), rays)
+    depth = np.full(len(rays), _FAR, dtype=np.float32)
+    depth[centre.ray] = centre.distance
+    grid, window = depth.reshape(-1, columns), np.ones((3, 3), dtype=np.uint8)
+    outline = (cv2.dilate(grid, window) - cv2.erode(grid, window) > _STEP).ravel()
+    quarter = 0.25 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]])
+    steps = (quarter / [intrinsics[0, 0], intrinsics[1, 1], 1]).astype(np.float32)
+    finer = (rays[outline][:, None] + steps).reshape(-1, 3)
+    fine = scene.nearest(np.zeros_like(finer), finer)
+    plain = ~outline[centre.ray]
+    hits = Hits(
+        np.concatenate([centre.ray[plain], fine.ray]),
+        np.concatenate([centre.face[plain], fine.face]),
+        np.concatenate([centre.weights[plain], fine.weights]),
+        np.concatenate([centre.distance[plain], fine.distance]),
+    )
+    directions = np.concatenate([rays[centre.ray[plain]], finer[fine.ray]])
+    return _Glimpses(
+        hits,
+        directions * hits.distance[:, None],
+        np.concatenate([pixels[centre.ray[plain]], pixels[outline][fine.ray // len(steps)]]),
+        np.concatenate([np.ones(plain.sum()), np.full(len(fine.ray), 1 / len(steps))]),
+    )
+
+
+def _colours(
+    random: np.random.Generator,
+    recipe: Recipe,
+    index: int,
+    surfaces: tuple[Surface, ...],
+    seen: tuple[RayScene, _Glimpses],
+) -> tuple[Float[np.ndarray, "hit 3"], Bool[np.ndarray, " hit"]]:
+    """Linear light that each hit sends to the camera, and whether it is skin."""
+    scene, glimpses = seen
+    hits, points = glimpses.hits, glimpses.points
+    skin, person = _skin_map(recipe.landmarks), recipe.random(index, "skin and light")
+    tone = sample_tone(person, held_out=recipe.held_out)
+    lights = sample_lights(person, recipe.level.cast_shadows)
+    paints = {material: sample_paint(random) for material in range(SKIN + 1, THING + 1)}
+    features = _features(surfaces, scene, skin)
+    values, material = features.at(hits), features.material[hits.face]
+    albedo = np.empty((len(material), 3), dtype=np.float32)
+    is_skin = material == SKIN
+    own, vertex = values[is_skin], features.faces[hits.face[is_skin], 0]
+    vertex = np.where(vertex < len(skin.dorsal), vertex, 0)
+    spots = SkinSpots(own[:, _TEXTURE], own[:, _DORSAL], own[:, _KNUCKLE], vertex)
+    albedo[is_skin] = skin_albedo(tone, skin, spots)
+    for which, paint in paints.items():
+        chosen = material == which
+        albedo[chosen] = paint_albedo(paint, values[chosen][:, _TEXTURE])
+    light, glint = shade(lights, scene, points, values[:, _NORMAL], values[:, _SKY])
+    return albedo * light + (glint * is_skin)[:, None], is_skin
+
+
+def _camera_rays(
+    vertices: Float[np.ndarray, "vertex 3"], intrinsics: Float[np.ndarray, "3 3"], size: int
+) -> tuple[Int[np.ndarray, " ray"], Float[np.ndarray, "ray 3"], int]:
+    """Rays through the pixels of the part of the picture that can show the vertices.
+
+    Returns:
+        The pixel of each ray, row by row, its direction with unit depth, and how many are in a row.
+    """
+    low, high = np.zeros(2), np.full(2, float(size))
+    if vertices[:, 2].min() > 0.01:
+        shown = vertices[:, :2] / vertices[:, 2:] * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+        low = np.clip(np.floor(shown.min(axis=0)) - 1, 0, size - 1)
+        high = np.clip(np.ceil(shown.max(axis=0)) + 1, low + 1, size)
+    columns, rows = np.arange(int(low[0]), int(high[0])), np.arange(int(low[1]), int(high[1]))
+    grid = np.empty((len(rows), len(columns), 3), dtype=np.float32)
+    # A pixel's centre is at a whole number plus a half, so the picture spans 0 to its size.
+    grid[..., 0] = (columns + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
+    grid[..., 1] = ((rows + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1])[:, None]
+    grid[..., 2] = 1
+    return (rows[:, None] * size + columns).ravel(), grid.reshape(-1, 3), len(columns)

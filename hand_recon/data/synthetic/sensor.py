@@ -1,0 +1,61 @@
+"""What a camera does to a picture: exposure, blur, noise, compression."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from hand_recon.camera import REFERENCE_SIZE
+from hand_recon.data.synthetic.levels import Level
+
+_GAMMA: Final = 1 / 2.2
+
+
+def develop(
+    random: np.random.Generator, level: Level, picture: Float[np.ndarray, "height width 3"]
+) -> UInt8[np.ndarray, "height width 3"]:
+    """A photograph of linear light.
+
+    Args:
+        random: Source of randomness.
+        level: How bad the camera may be.
+        picture: Linear light, about 0–1.
+    """
+    scale = picture.shape[0] / REFERENCE_SIZE
+    balance = np.exp(random.normal(scale=0.04, size=3) + random.normal(scale=0.12))
+    image = np.ascontiguousarray(picture * balance, dtype=np.float32)
+    blur = random.uniform(0, level.blur) * scale
+    if blur > 0.15:
+        image = cv2.GaussianBlur(image, (0, 0), blur)
+    image = _moved(random, image, random.uniform(0, level.motion) * scale)
+    deviation = random.uniform(0.2, 1.0) * level.sensor_noise
+    grain = random.standard_normal(image.shape, dtype=np.float32)
+    # Shot noise grows with the root of the light, so it is even after the gamma curve.
+    shown = np.clip(image, 0, 1) ** np.float32(_GAMMA * random.uniform(0.9, 1.1))
+    shown = shown + np.float32(deviation) * grain
+    pixels = (np.clip(shown, 0, 1) * 255 + 0.5).astype(np.uint8)
+    return _compressed(pixels, int(random.integers(*level.jpeg_quality)))
+
+
+def _moved(
+    random: np.random.Generator, image: Float[np.ndarray, "height width 3"], length: float
+) -> Float[np.ndarray, "height width 3"]:
+    """Blur along a random direction."""
+    angle = random.uniform(0, np.pi)
+    if length < 1:
+        return image
+    side = 2 * int(np.ceil(length / 2)) + 1
+    kernel = np.zeros((side, side), dtype=np.float32)
+    reach = length / 2 * np.array([np.cos(angle), np.sin(angle)])
+    start, end = side // 2 - reach, side // 2 + reach
+    cv2.line(kernel, [int(v) for v in np.rint(start)], [int(v) for v in np.rint(end)], 1.0, 1)
+    return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()))
+
+
+def _compressed(
+    pixels: UInt8[np.ndarray, "height width 3"], quality: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Through JPEG and back; the channels' order does not matter for the round trip."""
+    _, code = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), dtype=np.uint8)

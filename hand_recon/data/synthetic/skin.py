@@ -1,0 +1,254 @@
+"""What surfaces look like before light: skin with nails, creases and redness; cloth; painted things.
+
+Colours are procedural and solid: looked up at a point of the rest pose, so that they stick to the skin and
+are as sharp as the picture, however few vertices the hand has.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from hand_recon.data.synthetic.surface import vertex_normals
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS, TIPS
+
+Colour = Float[np.ndarray, " 3"]
+
+_TONES: Final = np.array(
+    [[255, 224, 205], [241, 194, 160], [224, 172, 130], [190, 132, 92], [141, 90, 58], [84, 50, 34]]
+)
+"""sRGB of skin from little melanin to much; the steps follow Fitzpatrick's six types by eye."""
+
+
+_BLUSH: Final = np.array([0.02, 0.30, 0.26], dtype=np.float32)
+_MOTTLE: Final = np.array([0.6, 1.0, 1.0], dtype=np.float32)
+_NAIL: Final = np.array([0.0055, 0.0047], dtype=np.float32)
+"""Half length and half breadth of the middle finger's nail, metres."""
+
+
+def linear(srgb: Float[np.ndarray, "*point 3"]) -> Float[np.ndarray, "*point 3"]:
+    """Linear light of sRGB values in 0–1, with the usual power 2.2."""
+    return np.asarray(np.clip(srgb, 0, 1) ** 2.2)
+
+
+@dataclass(frozen=True)
+class SkinMap:
+    """Where on the rest pose a hand has what; one per hand asset."""
+
+    dorsal: Float[np.ndarray, " vertex"]
+    """1 on the back, −1 on the palm side of each segment."""
+    knuckle: Float[np.ndarray, " vertex"]
+    """0–1, over the backs of joints and on the pads of the tips: where blood shows."""
+    nail_frames: Float[np.ndarray, "finger=5 3 3"]
+    """Rows: along the finger to the tip, to the back, across."""
+    nail_centres: Float[np.ndarray, "finger=5 3"]
+    """Metres."""
+    nail_size: Float[np.ndarray, " finger=5"]
+    """Relative to the middle finger's nail."""
+    nail_of: Int[np.ndarray, " vertex"]
+    """The finger whose nail is nearest."""
+    joints: Float[np.ndarray, "crease=9 3"]
+    """Where creases run, metres."""
+    frames: Float[np.ndarray, "crease=9 3 3"]
+    """Rows: towards the wrist, to the back, across."""
+    crease_of: Int[np.ndarray, " vertex"]
+    """The nearest crease."""
+
+
+def skin_map(model: HandModel) -> SkinMap:
+    """Read the map off a hand's rest pose."""
+    rest_vertices, rest_joints = (
+        tensor.numpy().astype(float)
+        for tensor in model.rest(model.template.new_zeros(model.shape_directions.shape[-1]))
+    )
+    frames = model.frames.numpy().astype(float)
+    normals = _normals(model, rest_vertices)
+    owner = model.skinning_weights.argmax(dim=1).numpy()
+    back = np.concatenate([[[0.0, 1.0, 0.0]], frames[:, :, 1]])[owner]
+    dorsal = (normals * back).sum(axis=1)
+    tips = _tips(model, rest_vertices, rest_joints)
+    red = np.concatenate([rest_joints[1:], tips])
+    distance = np.linalg.norm(rest_vertices[:, None] - red, axis=2)
+    strength = np.where(np.arange(len(red)) < len(ARTICULATED), 1.0, 0.8)
+    over = np.clip(dorsal, 0, 1)[:, None] * (np.arange(len(red)) < len(ARTICULATED))
+    over = over + (np.arange(len(red)) >= len(ARTICULATED))
+    knuckle = (np.exp(-((distance / 0.009) ** 2)) * strength * over).max(axis=1)
+    last = [ARTICULATED.index(_last_joint(tip)) for tip in TIPS]
+    nail_frames = np.stack([frames[j].T * [[-1.0], [1.0], [1.0]] for j in last])
+    thickness = np.array(
+        [_thickness(rest_vertices, t, f) for t, f in zip(tips, nail_frames, strict=True)]
+    )
+    centres = tips - 0.0065 * nail_frames[:, 0] + thickness[:, None] * nail_frames[:, 1]
+    creased = [i for i, name in enumerate(ARTICULATED) if not name.endswith(("MCP", "CMC"))]
+    return SkinMap(
+        dorsal,
+        knuckle,
+        nail_frames.astype(np.float32),
+        centres.astype(np.float32),
+        np.array([1.2, 1.0, 1.0, 0.95, 0.8], dtype=np.float32),
+        _nearest(rest_vertices, centres),
+        rest_joints[1:][creased].astype(np.float32),
+        frames[creased].transpose(0, 2, 1).astype(np.float32),
+        _nearest(rest_vertices, rest_joints[1:][creased]),
+    )
+
+
+def _nearest(
+    points: Float[np.ndarray, "point 3"], targets: Float[np.ndarray, "target 3"]
+) -> Int[np.ndarray, " point"]:
+    return np.asarray(np.linalg.norm(points[:, None] - targets, axis=2).argmin(axis=1))
+
+
+def _thickness(
+    vertices: Float[np.ndarray, "vertex 3"],
+    tip: Float[np.ndarray, " 3"],
+    frame: Float[np.ndarray, "3 3"],
+) -> float:
+    """How far the back of a fingertip lies above its tip landmark, metres."""
+    local = (vertices - tip) @ frame.T
+    near = (np.abs(local[:, 0] + 0.006) < 0.006) & (np.abs(local[:, 2]) < 0.008)
+    near &= np.abs(local[:, 1]) < 0.015
+    return float(local[near, 1].max()) if near.any() else 0.004
+
+
+def _last_joint(tip: int) -> str:
+    return LANDMARKS[tip - 1]
+
+
+def _tips(
+    model: HandModel,
+    vertices: Float[np.ndarray, "vertex 3"],
+    joints: Float[np.ndarray, "joint=16 3"],
+) -> Float[np.ndarray, "finger=5 3"]:
+    regressor = model.landmark_regressor.numpy().astype(float)
+    return np.asarray((regressor @ np.concatenate([vertices, joints]))[list(TIPS)])
+
+
+def _normals(
+    model: HandModel, vertices: Float[np.ndarray, "vertex 3"]
+) -> Float[np.ndarray, "vertex 3"]:
+    return vertex_normals(vertices, model.faces.numpy())
+
+
+@dataclass(frozen=True)
+class SkinTone:
+    """One person's skin, all colours linear."""
+
+    back: Colour
+    """Albedo of the back of the hand."""
+    palm: Colour
+    """Albedo of the palm."""
+    blush: float
+    """How red knuckles and tips are."""
+    nail: Colour
+    """Albedo of the nails."""
+    mottle: float
+    """Contrast of the uneven colour."""
+    waves: Float[np.ndarray, "wave=6 4"]
+    """Spatial frequencies (radians per metre) and phase of the uneven colour."""
+
+
+@dataclass(frozen=True)
+class SkinSpots:
+    """Points of the skin that the camera sees."""
+
+    texture: Float[np.ndarray, "hit 3"]
+    """Where they are in the rest pose, metres."""
+    dorsal: Float[np.ndarray, " hit"]
+    """From −1 on the palm to 1 on the back."""
+    knuckle: Float[np.ndarray, " hit"]
+    """Redness, 0–1."""
+    vertex: Int[np.ndarray, " hit"]
+    """A vertex of the hand nearby; 0 on the forearm, which has neither nails nor creases."""
+
+
+def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
+    """A skin; the test split's are as likely at the ends of the scale as in its middle."""
+    melanin = random.uniform(0, 1) if held_out else random.beta(1.2, 1.2)
+    position = melanin * (len(_TONES) - 1)
+    base = [np.interp(position, np.arange(len(_TONES)), _TONES[:, channel]) for channel in range(3)]
+    tint = 1 + random.normal(scale=0.05 if held_out else 0.035, size=3)
+    back = linear(np.array(base) / 255) * tint
+    pink = linear(np.array([0.90, 0.68, 0.60]))
+    palm = back * (1 - 0.15 - 0.45 * melanin) + pink * (0.15 + 0.45 * melanin)
+    painted = random.random() < 0.15
+    polish = linear(random.uniform(0.05, 0.95, size=3))
+    nail = polish if painted else 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
+    waves = np.column_stack([random.normal(scale=330.0, size=(6, 3)), random.uniform(0, 6.28, 6)])
+    blush, mottle = random.uniform(0.2, 0.9), random.uniform(0.02, 0.06)
+    colours = [colour.astype(np.float32) for colour in (back, palm, nail)]
+    return SkinTone(colours[0], colours[1], blush, colours[2], mottle, waves.astype(np.float32))
+
+
+def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "hit 3"]:
+    """Colour of the skin at points of the rest pose.
+
+    Args:
+        tone: Whose skin.
+        skin: Where nails and creases are.
+        spots: The points.
+    """
+    share = np.clip(0.5 - 0.9 * spots.dorsal, 0, 1)[:, None]
+    albedo = tone.back * (1 - share) + tone.palm * share
+    albedo *= 1 - tone.blush * spots.knuckle[:, None] * _BLUSH
+    uneven = np.sin(spots.texture @ tone.waves[:, :3].T + tone.waves[:, 3]).mean(axis=1)
+    albedo *= 1 + 2 * tone.mottle * uneven[:, None] * _MOTTLE
+    albedo *= (1 - 0.28 * _creases(skin, spots))[:, None]
+    nails = _nails(skin, spots)[:, None]
+    return np.asarray(albedo * (1 - nails) + tone.nail * nails)
+
+
+def _creases(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
+    """Thin lines across the fingers at the joints, stronger on the palm side."""
+    which = skin.crease_of[spots.vertex]
+    local = _in_frames(spots.texture - skin.joints[which], skin.frames[which])
+    near = (np.abs(local[:, 1]) < 0.013) & (np.abs(local[:, 2]) < 0.012)
+    line = np.exp(-((local[:, 0] / np.float32(0.0009)) ** 2))
+    return line * near * (0.65 - 0.35 * spots.dorsal)
+
+
+def _nails(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
+    """1 inside a nail, 0 outside, with a soft edge."""
+    which = skin.nail_of[spots.vertex]
+    local = _in_frames(spots.texture - skin.nail_centres[which], skin.nail_frames[which])
+    squared = (local[:, ::2] / (_NAIL * skin.nail_size[which][:, None])) ** 2
+    radius = np.sqrt(np.sqrt((squared * squared).sum(axis=1)))
+    return np.clip((1 - radius) * 6, 0, 1) * (local[:, 1] > -0.0035)
+
+
+def _in_frames(
+    offsets: Float[np.ndarray, "hit 3"], frames: Float[np.ndarray, "hit 3 3"]
+) -> Float[np.ndarray, "hit 3"]:
+    """Coordinates along the rows of each point's frame."""
+    return np.asarray((frames @ offsets[:, :, None])[:, :, 0])
+
+
+@dataclass(frozen=True)
+class Paint:
+    """A two-coloured pattern for cloth and things."""
+
+    colours: Float[np.ndarray, "2 3"]
+    """Linear."""
+    wave: Float[np.ndarray, " 4"]
+    """Spatial frequency (radians per metre) and phase of the stripes."""
+    contrast: float
+    """0 for plain."""
+
+
+def sample_paint(random: np.random.Generator) -> Paint:
+    """Any two colours, half of the time plain."""
+    direction = random.normal(size=3)
+    frequency = random.uniform(150, 900) * direction / np.linalg.norm(direction)
+    contrast = 0.0 if random.random() < 0.5 else random.uniform(0.3, 1.0)
+    colours = linear(random.uniform(0.05, 0.95, size=(2, 3))).astype(np.float32)
+    wave = np.append(frequency, random.uniform(0, 6.28)).astype(np.float32)
+    return Paint(colours, wave, contrast)
+
+
+def paint_albedo(paint: Paint, texture: Float[np.ndarray, "hit 3"]) -> Float[np.ndarray, "hit 3"]:
+    """Colour of the pattern at points."""
+    stripe = np.clip(2 * np.sin(texture @ paint.wave[:3] + paint.wave[3]), -1, 1)
+    share = (paint.contrast * (0.5 + 0.5 * stripe))[:, None]
+    return np.asarray(paint.colours[0] * (1 - share) + paint.colours[1] * share)

@@ -1,0 +1,66 @@
+"""Score a checkpoint on its own test hands, or on another dataset's (Sec. 4.1).
+
+python -m hand_recon.evaluate ckpt=outputs/train/<time>
+python -m hand_recon.evaluate ckpt=… data=freihand data.root=/path/to/FreiHAND_pub_v2
+"""
+
+from pathlib import Path
+from typing import Any
+
+import hydra
+import lightning
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+from hand_recon.configuration import CONF, build_data, instantiate, load_module, set_threads
+from hand_recon.progress import somebody_watches
+from hand_recon.results import Run, finish_run
+
+
+def evaluate(config: DictConfig) -> dict[str, Any]:
+    """Score a checkpoint.
+
+    Args:
+        config: `conf/evaluate.yaml` composed.
+
+    Returns:
+        What `metrics.json` holds.
+
+    Raises:
+        ValueError: No checkpoint was given.
+    """
+    if OmegaConf.is_missing(config, "ckpt"):
+        raise ValueError(
+            "Which checkpoint? Give ckpt=<file or folder of a run>, "
+            "for example ckpt=outputs/train/<time>."
+        )
+    set_threads(config.threads)
+    other_data = config.get("data") is not None
+    module, trained = load_module(config.ckpt, config.data.landmarks if other_data else None)
+    lightning.seed_everything(trained.seed, workers=True, verbose=False)
+    folder = Path(config.paths.run).absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    with open_dict(trained):
+        trained.paths, trained.report, trained.name = config.paths, config.report, config.name
+        if other_data:
+            trained.data = config.data
+        # The checkpoint's data were cached where it was trained; the cache of this machine counts.
+        trained.data.cache_dir = config.paths.cache
+    data = build_data(trained)
+    run = Run(trained, folder, module, data, {"checkpoint": str(config.ckpt)})
+    trainer = instantiate(
+        config.trainer,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=somebody_watches(),
+    )
+    return finish_run(run, trainer)
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate")
+def main(config: DictConfig) -> None:
+    """The command line."""
+    evaluate(config)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""How good a reconstruction is: alignment, the benchmarks' protocols, metrics (Sec. 4.1)."""

@@ -1,0 +1,132 @@
+"""Moving a prediction onto the ground truth before it is scored (Sec. 4.1, evaluation metrics).
+
+The benchmarks align by a similarity that may mirror the hand (`align_official`): a left hand
+predicted for a right one, or a hand flipped in depth, then scores a perfect zero. `align_proper`
+allows rotations only. The two agree for every prediction that is not closer to the mirrored hand.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from hand_recon.hand.skeleton import LANDMARKS, ROOT_LANDMARK
+
+WRIST: Final[int] = LANDMARKS.index("wrist")
+"""The landmark at the root of root-relative errors."""
+
+NORM_OFFSET: Final = 1e-8
+"""What the benchmarks add to each norm so that a point-like prediction divides by no zero."""
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """A rotation (or reflection), a scale and a translation, one of each per hand."""
+
+    rotation: Float[Tensor, "*batch 3 3"]
+    """Orthogonal; its determinant is −1 where it mirrors the hand."""
+    scale: Float[Tensor, "*batch"]
+    """Factor, without unit."""
+    source: Float[Tensor, "*batch 3"]
+    """Centroid of the prediction, in the points' unit."""
+    target: Float[Tensor, "*batch 3"]
+    """Centroid of the ground truth, in the points' unit."""
+
+    @property
+    def mirrors(self) -> Bool[Tensor, "*batch"]:
+        """Which hands it turns into their mirror images."""
+        return torch.linalg.det(self.rotation) < 0
+
+    def apply(self, points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
+        """Move points of the prediction to where the ground truth is."""
+        matrix = self.scale[..., None, None] * self.rotation.mT
+        return (points - self.source[..., None, :]) @ matrix + self.target[..., None, :]
+
+
+def fit_similarity(
+    truth: Float[Tensor, "*batch point 3"],
+    prediction: Float[Tensor, "*batch point 3"],
+    *,
+    reflections: bool,
+) -> Similarity:
+    """The similarity that takes the prediction nearest to the ground truth, in least squares.
+
+    Procrustes analysis (Schönemann 1966; the determinant's sign as in Kabsch 1976 and Umeyama
+    1991), with the benchmarks' offset of 1e-8 on each norm. It is fitted in double precision. A
+    prediction without extent goes to the ground truth's centroid.
+
+    Args:
+        truth: Any unit and frame; the offset makes the last digits depend on the unit.
+        prediction: The same points in the same unit.
+        reflections: Whether the hand may be mirrored, as the official scripts do.
+    """
+    truth, prediction = truth.double(), prediction.double()
+    target, source = truth.mean(dim=-2), prediction.mean(dim=-2)
+    centred_truth = truth - target[..., None, :]
+    centred_prediction = prediction - source[..., None, :]
+    truth_norm = torch.linalg.matrix_norm(centred_truth) + NORM_OFFSET
+    prediction_norm = torch.linalg.matrix_norm(centred_prediction) + NORM_OFFSET
+    correlation = centred_truth.mT @ centred_prediction
+    correlation = correlation / (truth_norm * prediction_norm)[..., None, None]
+    left, stretches, right = torch.linalg.svd(correlation)
+    if not reflections:
+        # The least important axis is turned round wherever the best fit would be a reflection.
+        sign = torch.sign(torch.linalg.det(left @ right))
+        stretches = torch.cat([stretches[..., :2], stretches[..., 2:] * sign[..., None]], dim=-1)
+        left = torch.cat([left[..., :2], left[..., 2:] * sign[..., None, None]], dim=-1)
+    scale = stretches.sum(dim=-1) * truth_norm / prediction_norm
+    return Similarity(rotation=left @ right, scale=scale, source=source, target=target)
+
+
+def align_official(
+    truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
+) -> Float[Tensor, "*batch point 3"]:
+    """Align as the scripts of FreiHAND, HO3D and DexYCB do: reflections are allowed.
+
+    Returns:
+        The prediction on the ground truth, in double precision.
+    """
+    return fit_similarity(truth, prediction, reflections=True).apply(prediction.double())
+
+
+def align_proper(
+    truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
+) -> Float[Tensor, "*batch point 3"]:
+    """Align by rotation, scale and translation only, so that a mirrored hand cannot hide.
+
+    Returns:
+        The prediction on the ground truth, in double precision.
+    """
+    return fit_similarity(truth, prediction, reflections=False).apply(prediction.double())
+
+
+def root_relative(
+    points: Float[Tensor, "*batch point 3"], root: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch point 3"]:
+    """Points as seen from a root: neither turned nor scaled; in double precision."""
+    return points.double() - root.double()[..., None, :]
+
+
+def align_scale_translation(
+    truth: Float[Tensor, "*batch landmark=21 3"],
+    prediction: Float[Tensor, "*batch landmark=21 3"],
+) -> Float[Tensor, "*batch landmark=21 3"]:
+    """HO3D's alignment: as long from wrist to middle MCP as the ground truth, wrist upon wrist.
+
+    A prediction without that length keeps its scale, as in the current official script.
+
+    Returns:
+        The prediction on the ground truth, in double precision.
+    """
+    truth, prediction = truth.double(), prediction.double()
+    length = _palm_length(prediction)
+    length = torch.where(length > 0, length, torch.ones_like(length))
+    scaled = prediction / length * _palm_length(truth)
+    return scaled - scaled[..., WRIST, None, :] + truth[..., WRIST, None, :]
+
+
+def _palm_length(landmarks: Tensor) -> Tensor:
+    palm = landmarks[..., ROOT_LANDMARK, :] - landmarks[..., WRIST, :]
+    return palm.square().sum(dim=-1).sqrt()[..., None, None]

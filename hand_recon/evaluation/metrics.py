@@ -1,0 +1,96 @@
+"""E_J, E_V, E_RV, MPJPE, AUC and F-scores over a dataset (Sec. 4.1, evaluation metrics).
+
+The number to compare follows the benchmarks' alignment, which may mirror a hand; `_proper` beside
+it follows the one that may not, so that a mirrored hand cannot hide; `_unaligned` is as predicted.
+"""
+
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from torchmetrics.utilities import rank_zero_warn
+
+from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.scores import (
+    LANDMARK_SCORES,
+    VERTEX_SCORES,
+    HandPoints,
+    landmark_scores,
+    vertex_scores,
+)
+
+MILLIMETRES = 1000.0
+"""Per metre: errors are reported in millimetres."""
+
+
+class HandMetrics(PerSampleMetric):
+    """The paper's 3D metrics: every column of `LANDMARK_SCORES` and `VERTEX_SCORES`, averaged.
+
+    Errors in millimetres, AUC and F-scores from 0 to 1. A sample whose ground truth has a NaN is
+    left out, and how many were is said; the names of vertex metrics are absent where no ground
+    truth has vertices.
+    """
+
+    def __init__(self) -> None:
+        """Start without samples."""
+        super().__init__({"landmarks": len(LANDMARK_SCORES), "vertices": len(VERTEX_SCORES)})
+
+    def update(
+        self, prediction: HandPoints, truth: HandPoints, index: Int[Tensor, " hand"]
+    ) -> None:
+        """Score a batch.
+
+        Args:
+            prediction: What was predicted; its vertices are needed where the truth has them.
+            truth: Ground truth; NaN for samples without, no vertices for datasets without.
+            index: Position of each sample in its dataset: one that comes twice counts once.
+
+        Raises:
+            ValueError: A prediction is not finite, or its vertices are absent or do not correspond.
+        """
+        require_finite("landmarks", prediction.landmarks, index)
+        truth, prediction = truth.double(), prediction.double()
+        known = _known(truth.landmarks)
+        scores = landmark_scores(truth[known], prediction[known])
+        rows = {"landmarks": _spread(scores, known)}
+        if truth.vertices is not None:
+            if prediction.vertices is not None:
+                require_finite("vertices", prediction.vertices, index)
+            known = known & _known(truth.vertices)
+            scores = vertex_scores(truth[known], prediction[known])
+            rows["vertices"] = _spread(scores, known)
+        self.record(index, **rows)
+
+    def compute(self) -> dict[str, float]:
+        """The mean over distinct samples of every score.
+
+        Raises:
+            ValueError: Only some updates had ground-truth vertices, or an index is not unique.
+        """
+        return self._means("landmarks", LANDMARK_SCORES) | self._means("vertices", VERTEX_SCORES)
+
+    def _means(self, table: str, names: tuple[str, ...]) -> dict[str, float]:
+        rows = self.distinct(table)
+        known = rows.isfinite().all(dim=-1)
+        if not known.all():
+            rank_zero_warn(
+                f"{int((~known).sum())} of {len(rows)} samples have no ground truth for their "
+                f"{table} (NaN) and are left out of its metrics."
+            )
+        if not known.any():
+            return {}
+        means = rows[known].mean(dim=0).tolist()
+        return {name: _in_report_unit(name, mean) for name, mean in zip(names, means, strict=True)}
+
+
+def _spread(scores: Float[Tensor, "known score"], known: Bool[Tensor, " hand"]) -> Tensor:
+    """One row per hand: the scores of the known ones, NaN for the others."""
+    rows = scores.new_full((len(known), scores.shape[-1]), float("nan"))
+    rows[known] = scores
+    return rows
+
+
+def _known(points: Float[Tensor, "hand point 3"]) -> Bool[Tensor, " hand"]:
+    return points.isfinite().flatten(start_dim=1).all(dim=1)
+
+
+def _in_report_unit(name: str, value: float) -> float:
+    return value * MILLIMETRES if name.startswith(("E_", "MPJPE")) else value

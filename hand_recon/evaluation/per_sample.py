@@ -1,0 +1,111 @@
+"""The base of every metric: rows of scores per sample, so that no sample counts twice.
+
+A distributed sampler repeats samples until every process has as many. Sums could not tell; so a
+metric keeps one small row per sample together with the sample's index, and averages over distinct
+indices.
+"""
+
+from typing import Any, Final
+
+import torch
+from jaxtyping import Float, Int, Shaped
+from torch import Tensor
+from torchmetrics import Metric
+
+DISAGREEMENT: Final = 0.02
+"""How far rows of one sample may differ, over one plus their value: far more than by rounding."""
+
+
+class PerSampleMetric(Metric):
+    """Tables with one row per sample, exact under any distribution of the samples over processes.
+
+    A subclass names its tables, fills them with `record` and averages `distinct` rows in `compute`.
+    Sample indices must be unique in what one metric sees: one metric per dataset.
+    """
+
+    full_state_update = False
+    is_differentiable = False
+    index: list[Int[Tensor, " sample"]]
+
+    def __init__(self, tables: dict[str, int]) -> None:
+        """Set up empty tables.
+
+        Args:
+            tables: Number of columns of each table, by name.
+        """
+        super().__init__()
+        self._tables = dict(tables)
+        for name in ("index", *tables):
+            self.add_state(name, default=[], dist_reduce_fx="cat")
+        self._start()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        super().reset()
+        self._start()
+
+    def record(self, index: Int[Tensor, " sample"], **rows: Float[Tensor, "sample _"]) -> None:
+        """Append rows of some tables for the samples of an update."""
+        self.index.append(index.detach().to(self.device, torch.int64))
+        for name, values in rows.items():
+            # Single precision is exact to 1e-7 of a value and known to every accelerator.
+            getattr(self, name).append(values.detach().to(self.device, torch.float32))
+
+    def distinct(self, name: str) -> Float[Tensor, "sample column"]:
+        """The rows of a table, the first of each sample, in double precision on the CPU.
+
+        Raises:
+            ValueError: The table lacks rows of some samples, or two rows of one sample differ.
+        """
+        index, rows = _joined(self.index), _joined(getattr(self, name)).double()
+        if len(rows) != len(index):
+            if len(rows) == 0:
+                return rows
+            raise ValueError(
+                f"{len(index)} samples were seen, but only {len(rows)} of them with what "
+                f"{type(self).__name__} needs for its {name.replace('_', ' ')}. Evaluate datasets "
+                "with and without that ground truth apart."
+            )
+        unique, inverse = torch.unique(index, return_inverse=True)
+        position = torch.arange(len(index))
+        first = torch.full_like(unique, len(index)).scatter_reduce(0, inverse, position, "amin")
+        self._check_agreement(rows, rows[first][inverse], index)
+        return rows[first]
+
+    def _check_agreement(self, rows: Tensor, expected: Tensor, index: Tensor) -> None:
+        differs = ((rows - expected).abs() > DISAGREEMENT * (1 + expected.abs())).any(dim=-1)
+        if differs.any():
+            raise ValueError(
+                f"The samples {_some(index[differs].unique())} came twice with different scores, "
+                "so that an index names more than one sample. Use one metric per dataset."
+            )
+
+    def _start(self) -> None:
+        # Not bare lists: a process without samples must gather what the others do, in type and
+        # width.
+        self.index = [torch.empty(0, dtype=torch.int64, device=self.device)]
+        for name, width in self._tables.items():
+            setattr(self, name, [torch.empty(0, width, device=self.device)])
+
+
+def require_finite(name: str, values: Shaped[Tensor, "sample ..."], index: Tensor) -> None:
+    """Refuse predictions that are no numbers.
+
+    Raises:
+        ValueError: Some are not; the message names the samples.
+    """
+    broken = ~values.flatten(start_dim=1).isfinite().all(dim=1)
+    if broken.any():
+        raise ValueError(
+            f"The predicted {name} of the samples {_some(index[broken.to(index.device)])} are not "
+            "finite. Such a prediction has no score; find out which input or weight made it."
+        )
+
+
+def _joined(parts: Any) -> Tensor:  # noqa: ANN401  # a list of tensors, or one tensor once gathered
+    return (torch.cat(parts) if isinstance(parts, list) else parts).cpu()
+
+
+def _some(index: Tensor) -> str:
+    shown = [str(value) for value in index.tolist()[:10]]
+    return ", ".join(shown) + (f" and {len(index) - 10} more" if len(index) > 10 else "")

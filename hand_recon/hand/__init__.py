@@ -1,0 +1,1 @@
+"""The hand: its skeleton, its surface and its anatomical axes (Sec. 3.1)."""

@@ -1,0 +1,69 @@
+"""Bend, splay and twist ↔ rotations, about each joint's own anatomical axes (Sec. 3.2).
+
+Each joint has an orthonormal frame at rest: x along the child bone towards the wrist (twist), y to the
+back of the hand (splay), z about which the joint flexes (bend). A child segment turned by
+`R_y(splay) R_x(twist) R_z(bend)` from the anatomical neutral keeps the axis without freedom in the middle,
+so the angles lock only at ±90° of twist, which no joint reaches (`docs/decisions.md`).
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def angles_to_rotation(
+    joint_angles: Float[Tensor, "*batch axis=3"],
+) -> Float[Tensor, "*batch 3 3"]:
+    """Rotation of the child segment from its anatomical neutral, in the joint's own frame.
+
+    Args:
+        joint_angles: Bend, splay and twist, radians.
+    """
+    bend, splay, twist = joint_angles.unbind(-1)
+    cos_z, sin_z = bend.cos(), bend.sin()
+    cos_y, sin_y = splay.cos(), splay.sin()
+    cos_x, sin_x = twist.cos(), twist.sin()
+    rows = [
+        cos_y * cos_z + sin_y * sin_x * sin_z, sin_y * sin_x * cos_z - cos_y * sin_z, sin_y * cos_x,
+        cos_x * sin_z, cos_x * cos_z, -sin_x,
+        cos_y * sin_x * sin_z - sin_y * cos_z, sin_y * sin_z + cos_y * sin_x * cos_z, cos_y * cos_x,
+    ]  # fmt: skip
+    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
+
+
+def rotation_to_angles(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch axis=3"]:
+    """The inverse of `angles_to_rotation`, with twist in [−90°, 90°].
+
+    Returns:
+        Bend, splay and twist, radians.
+    """
+    twist = torch.atan2(-rotation[..., 1, 2], rotation[..., 1, :2].norm(dim=-1))
+    bend = torch.atan2(rotation[..., 1, 0], rotation[..., 1, 1])
+    splay = torch.atan2(rotation[..., 0, 2], rotation[..., 2, 2])
+    return torch.stack([bend, splay, twist], dim=-1)
+
+
+def joint_rotations(
+    joint_angles: Float[Tensor, "*batch joint=15 axis=3"],
+    frames: Float[Tensor, "joint=15 3 3"],
+    rest_angles: Float[Tensor, "joint=15 axis=3"],
+) -> Float[Tensor, "*batch joint=15 3 3"]:
+    """Rotation of each joint from the rest pose, in the hand's own axes.
+
+    Args:
+        joint_angles: From the anatomical neutral, radians.
+        frames: Axes of each child segment at rest, one per column, in the hand's frame.
+        rest_angles: The joint angles of the rest pose, radians: zero joint angles give the neutral
+            pose, whatever pose the mesh was modelled in.
+    """
+    from_rest = angles_to_rotation(rest_angles).mT @ angles_to_rotation(joint_angles)
+    return frames @ from_rest @ frames.mT
+
+
+def joint_angles_of(
+    rotations: Float[Tensor, "*batch joint=15 3 3"],
+    frames: Float[Tensor, "joint=15 3 3"],
+    rest_angles: Float[Tensor, "joint=15 axis=3"],
+) -> Float[Tensor, "*batch joint=15 axis=3"]:
+    """The inverse of `joint_rotations`."""
+    return rotation_to_angles(angles_to_rotation(rest_angles) @ (frames.mT @ rotations @ frames))

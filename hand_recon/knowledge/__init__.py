@@ -1,0 +1,1 @@
+"""Generic hand knowledge as differentiable losses (Sec. 3.2)."""

@@ -1,0 +1,140 @@
+"""How far every joint goes: the range-of-motion tables of the prior (Sec. 3.2, Eq. 1).
+
+A table is a YAML file: degrees, one row per joint and axis, each with the source of its numbers. Two are
+shipped in `tables/`, `literature` (clinical measurements) and `paper_release` (the constants published
+with the paper); any path to a file of the same form will do as well.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from jaxtyping import Float
+from omegaconf import OmegaConf
+from torch import Tensor
+
+from hand_recon.hand.skeleton import ARTICULATED, AXES
+
+TABLES: Final = Path(__file__).parent / "tables"
+"""Where the shipped tables are."""
+
+REFERENCES: Final[tuple[str, ...]] = ("neutral", "template")
+"""What a table's angles are counted from: the anatomical neutral, or the hand model's rest pose."""
+
+
+@dataclass(frozen=True)
+class RangeOfMotion:
+    """Bounds on every joint angle, from the anatomical neutral."""
+
+    lower: Float[Tensor, "*batch joint=15 axis=3"]
+    """Smallest bend, splay and twist, radians."""
+    upper: Float[Tensor, "*batch joint=15 axis=3"]
+    """Largest bend, splay and twist, radians."""
+
+    def clamp(
+        self, joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
+    ) -> Float[Tensor, "*batch joint=15 axis=3"]:
+        """The nearest joint angles inside the ranges, radians."""
+        return joint_angles.clamp(self.lower.to(joint_angles), self.upper.to(joint_angles))
+
+    def contains(
+        self, joint_angles: Float[Tensor, "*batch joint=15 axis=3"], tolerance: float = 1e-6
+    ) -> Tensor:
+        """Whether all angles of each hand are inside, within a tolerance in radians."""
+        inside = (joint_angles >= self.lower - tolerance) & (joint_angles <= self.upper + tolerance)
+        return inside.flatten(-2).all(dim=-1)
+
+
+def load_ranges(
+    name_or_path: str, rest_angles: Float[Tensor, "joint=15 axis=3"] | None = None
+) -> RangeOfMotion:
+    """Read a table of ranges.
+
+    Args:
+        name_or_path: `literature`, `paper_release`, or a path to a YAML file of the same form.
+        rest_angles: The hand's rest pose from the anatomical neutral, radians. A table whose
+            `reference` is `template` counts from there and is shifted by it; others ignore it.
+
+    Raises:
+        FileNotFoundError: There is no such table.
+        ValueError: The table is incomplete or contradicts itself, or counts from the template and
+            the hand's rest pose was not given.
+    """
+    path = table_path(name_or_path)
+    table = OmegaConf.to_container(OmegaConf.load(path))
+    if not isinstance(table, dict) or not isinstance(table.get("joints"), dict):
+        raise ValueError(
+            f"{path} has no `joints:` section; tables/literature.yaml beside this module shows the form."
+        )
+    _check_names(path, table["joints"])
+    bounds = torch.tensor(
+        [[_bounds(path, table, joint, axis) for axis in AXES] for joint in ARTICULATED]
+    )
+    if _reference(path, table) == "template":
+        if rest_angles is None:
+            raise ValueError(
+                f"{path} counts angles from the hand's template, so `rest_angles` must be given: "
+                "pass the hand model's."
+            )
+        bounds = bounds.to(rest_angles) + rest_angles[..., None]
+    return RangeOfMotion(lower=bounds[..., 0], upper=bounds[..., 1])
+
+
+def table_path(name_or_path: str) -> Path:
+    """Where a table is.
+
+    Raises:
+        FileNotFoundError: Neither a shipped table nor a file.
+    """
+    shipped = TABLES / f"{name_or_path}.yaml"
+    for candidate in (shipped, Path(name_or_path)):
+        if candidate.is_file():
+            return candidate
+    names = sorted(path.stem for path in TABLES.glob("*.yaml"))
+    raise FileNotFoundError(
+        f"No range-of-motion table {name_or_path!r}: it is neither one of {names} nor a file."
+    )
+
+
+def _check_names(path: Path, rows: dict[str, dict[str, list[object]]]) -> None:
+    missing = [joint for joint in ARTICULATED if joint not in rows]
+    unknown = [str(joint) for joint in rows if joint not in ARTICULATED]
+    if missing or unknown:
+        raise ValueError(
+            f"{path}: joints missing {missing}, joints unknown {unknown}. "
+            f"A table has one row for each of {list(ARTICULATED)}."
+        )
+    for joint in ARTICULATED:
+        if set(rows[joint]) != set(AXES):
+            raise ValueError(
+                f"{path}: {joint} has axes {list(rows[joint])}, expected {list(AXES)}."
+            )
+
+
+def _bounds(path: Path, table: dict[str, Any], joint: str, axis: str) -> tuple[float, float]:
+    """One row, radians."""
+    row = table["joints"][joint][axis]
+    if len(row) != 3:
+        raise ValueError(
+            f"{path}: {joint} {axis} is {list(row)}, expected [minimum, maximum, source] in degrees."
+        )
+    lower, upper, source = float(row[0]), float(row[1]), str(row[2])
+    if not -180 <= lower <= upper <= 180:
+        raise ValueError(
+            f"{path}: {joint} {axis} goes from {lower} to {upper} degrees; the minimum must not exceed "
+            "the maximum and both lie within ±180."
+        )
+    if source not in table.get("sources", {}):
+        raise ValueError(
+            f"{path}: {joint} {axis} names the source {source!r}, which `sources:` does not explain."
+        )
+    return math.radians(lower), math.radians(upper)
+
+
+def _reference(path: Path, table: dict[str, Any]) -> str:
+    reference = str(table.get("reference"))
+    if reference not in REFERENCES:
+        raise ValueError(f"{path}: `reference` is {reference!r}, expected one of {REFERENCES}.")
+    return reference

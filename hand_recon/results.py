@@ -1,0 +1,185 @@
+"""What a run leaves behind: scores beside a baseline, pictures, a report that opens offline."""
+
+import json
+import logging
+import platform
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import lightning
+import torch
+import torchmetrics
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from hand_recon import __version__
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.evaluation.baseline import mean_pose_baseline
+from hand_recon.evaluation.metrics import HandMetrics
+from hand_recon.evaluation.scores import HandPoints
+from hand_recon.schema import collate
+from hand_recon.training import HandReconstruction
+from hand_recon.visualization.curves import draw_curves
+from hand_recon.visualization.overlay import rows
+from hand_recon.visualization.report import Report, write_report
+
+logger = logging.getLogger(__name__)
+
+BASELINE_HANDS = 2000
+"""Training hands whose mean is the constant predictor: more change it by less than 0.01 mm."""
+
+
+ALIGNED = tuple(
+    name + suffix
+    for name in ("E_J", "AUC_J", "E_V", "AUC_V", "F@5", "F@15")
+    for suffix in ("", "_proper")
+)
+"""Scores after alignment: the only ones that mean something for a constant hand."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A trained module and where its results go."""
+
+    config: DictConfig
+    folder: Path
+    module: HandReconstruction
+    data: HandDataModule
+    facts: dict[str, Any]
+    """What is already known of the run, for `metrics.json`."""
+
+
+def finish_run(run: Run, trainer: lightning.Trainer) -> dict[str, Any]:
+    """Test, print the table, and write metrics, pictures and the report.
+
+    Returns:
+        What `metrics.json` holds.
+    """
+    trainer.test(run.module, datamodule=run.data, verbose=False)
+    scores = {
+        name.removeprefix("test/"): float(value)
+        for name, value in trainer.callback_metrics.items()
+        if name.startswith("test/")
+    }
+    baseline = _mean_pose_scores(run.data)
+    metrics = {
+        "name": run.config.name,
+        "data": run.data.name,
+        "landmarks": run.data.landmarks,
+        "test_hands": len(run.data.dataset("test")),
+        "test": scores,
+        "mean_pose": baseline,
+        **run.facts,
+        "environment": _environment(),
+    }
+    (run.folder / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
+    _print_table(scores, baseline, run.data.name)
+    if "E_V" not in scores:
+        logger.warning(
+            "%s has no ground-truth vertices of this hand: vertex scores are left out.",
+            run.data.name,
+        )
+    pictures = _draw_overlays(run)
+    log = run.folder / "csv" / "metrics.csv"
+    curves = run.folder / "curves.png"
+    if log.is_file():
+        draw_curves(log, curves)
+    report = run.folder / "report.html"
+    write_report(
+        Report(
+            title=f"{run.config.name} on {run.data.name}",
+            scores=scores,
+            baseline=baseline or {},
+            facts={key: value for key, value in metrics.items() if not isinstance(value, dict)}
+            | metrics["environment"],
+            overlays=tuple(pictures),
+            curves=curves if curves.is_file() else None,
+            config=OmegaConf.to_yaml(run.config, resolve=True),
+        ),
+        report,
+    )
+    logger.info("Open %s", report)
+    return metrics
+
+
+def _mean_pose_scores(data: HandDataModule) -> dict[str, float] | None:
+    """What one constant hand would score: the mean of the training hands, for every test picture.
+
+    Only the aligned scores mean anything for it. None where the dataset has no 3D.
+    """
+    truth = data.train_ground_truth(BASELINE_HANDS)
+    if truth is None:
+        return None
+    mean = mean_pose_baseline(HandPoints(*truth))
+    metric = HandMetrics()
+    for batch in data.test_dataloader():
+        if batch.landmarks_3d is None:
+            return None
+        vertices = None
+        if batch.vertices is not None and mean.vertices is not None:
+            vertices = mean.vertices.expand(len(batch), -1, -1)
+        metric.update(
+            HandPoints(mean.landmarks.expand(len(batch), -1, -1), vertices),
+            HandPoints(batch.landmarks_3d, None if vertices is None else batch.vertices),
+            batch.index,
+        )
+    scores = metric.compute()
+    return {name: scores[name] for name in scores if name in ALIGNED}
+
+
+@torch.no_grad()
+def _draw_overlays(run: Run) -> list[Path]:
+    """Draw test hands spread evenly over the set, from the best reconstructed to the worst."""
+    dataset = run.data.dataset("test")
+    count = min(int(run.config.report.images), len(dataset))
+    if count == 0:
+        return []
+    indices = [position * len(dataset) // count for position in range(count)]
+    device = torch.device("cpu")
+    module = run.module.to(device).eval()
+    raw = collate([dataset[index] for index in indices])
+    prediction = module.reconstructor(raw.image.float() / 255, raw.intrinsics)
+    error = (prediction.landmarks_2d - raw.landmarks_2d).norm(dim=-1)
+    order = torch.nanmean(error, dim=-1).nan_to_num(torch.inf).argsort().tolist()
+    pictures = rows(raw, prediction, module.reconstructor.hand.faces)
+    folder = run.folder / "overlays"
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for rank, position in enumerate(order):
+        path = folder / f"{rank:02d}_sample{indices[position]}.png"
+        cv2.imwrite(str(path), cv2.cvtColor(pictures[position], cv2.COLOR_RGB2BGR))
+        paths.append(path)
+    return paths
+
+
+def _environment() -> dict[str, str]:
+    cuda = torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
+    return {
+        "hand_recon": __version__,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "lightning": lightning.__version__,
+        "torchmetrics": torchmetrics.__version__,
+        "gpu": cuda,
+        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+    }
+
+
+def _print_table(
+    scores: dict[str, float], baseline: dict[str, float] | None, data_name: str
+) -> None:
+    table = Table(title=f"Test hands of {data_name}")
+    table.add_column("score")
+    table.add_column("this model", justify="right")
+    if baseline:
+        table.add_column("mean pose", justify="right")
+    for name, value in scores.items():
+        row = [name, f"{value:.3f}"]
+        if baseline:
+            row.append(f"{baseline[name]:.3f}" if name in baseline else "")
+        table.add_row(*row)
+    Console().print(table)

@@ -1,0 +1,192 @@
+"""The records that flow through the project: frozen, typed, with a unit on every field.
+
+Inside: metres, radians, pixels of the crop; right hands; the camera looks along +z, x right, y down.
+`docs/conventions.md` is the full list. Joints are in MANO's order, landmarks in the order of
+`hand_recon.hand.skeleton.LANDMARKS`.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import torch
+from jaxtyping import Bool, Float, Int, UInt8
+from torch import Tensor
+
+
+class _TensorRecord:
+    """What every record of tensors can do."""
+
+    def to(self, *args: object, **kwargs: object) -> Self:
+        """The same record with every tensor moved by `Tensor.to`."""
+        moved = {
+            field.name: getattr(self, field.name).to(*args, **kwargs)
+            for field in fields(self)  # type: ignore[arg-type]  # every subclass is a dataclass
+            if isinstance(getattr(self, field.name), Tensor)
+        }
+        return replace(self, **moved)  # type: ignore[type-var]
+
+    def detach(self) -> Self:
+        """The same record outside the graph."""
+        detached = {
+            field.name: getattr(self, field.name).detach()
+            for field in fields(self)  # type: ignore[arg-type]
+            if isinstance(getattr(self, field.name), Tensor)
+        }
+        return replace(self, **detached)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class HandParameters(_TensorRecord):
+    """What the regressor predicts of a hand: the θ, β and C of Sec. 3.1."""
+
+    joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
+    """Bend, splay and twist of each joint from the anatomical neutral, radians."""
+    shape: Float[Tensor, "*batch direction=10"]
+    """Coefficients of the shape directions, in standard deviations."""
+    root_rotation: Float[Tensor, "*batch 3 3"]
+    """Rotation from the hand's frame to the camera's, about the middle finger's MCP centre."""
+    translation: Float[Tensor, "*batch 3"]
+    """Where the middle finger's MCP centre is in the camera's frame, metres."""
+
+
+@dataclass(frozen=True)
+class HandGeometry(_TensorRecord):
+    """A posed hand, all points in one frame."""
+
+    vertices: Float[Tensor, "*batch vertex 3"]
+    """Metres."""
+    joints: Float[Tensor, "*batch joint=16 3"]
+    """Rotation centres, wrist first, metres."""
+    landmarks: Float[Tensor, "*batch landmark=21 3"]
+    """The landmark set that the hand model was asked for, metres."""
+
+
+@dataclass(frozen=True)
+class HandSample(_TensorRecord):
+    """One crop of one hand, as a dataset gives it; left hands are already mirrored to right ones."""
+
+    image: UInt8[Tensor, "3 height width"]
+    """RGB."""
+    landmarks_2d: Float[Tensor, "landmark=21 2"]
+    """Labels, pixels of the crop; NaN where there is no label."""
+    labelled: Bool[Tensor, "landmark=21"]
+    """Which landmarks have a 2D label."""
+    index: int
+    """Position in the dataset, so that a bad sample can be named."""
+    source: str
+    """The file or recipe this sample came from."""
+    intrinsics: Float[Tensor, "3 3"] | None = None
+    """Camera matrix of the crop, pixels."""
+    landmarks_3d: Float[Tensor, "landmark=21 3"] | None = None
+    """Ground truth in the camera's frame, metres: evaluation and 3D supervision only."""
+    vertices: Float[Tensor, "vertex 3"] | None = None
+    """Ground truth in the camera's frame, metres: evaluation only."""
+    occluded: Bool[Tensor, "landmark=21"] | None = None
+    """Which landmarks cannot be seen."""
+    label_noise: Float[Tensor, "landmark=21"] | None = None
+    """Standard deviation of the label's noise, pixels of the crop: known for synthetic hands."""
+    mirrored: bool = False
+    """Whether the pixels show a left hand turned into a right one."""
+
+
+@dataclass(frozen=True)
+class HandBatch(_TensorRecord):
+    """Samples stacked. What some samples lack is NaN there, and a mask says so; never zero."""
+
+    image: UInt8[Tensor, "batch 3 height width"] | Float[Tensor, "batch 3 height width"]
+    """RGB, 0–255 as bytes, or 0–1 as floats once augmented."""
+    landmarks_2d: Float[Tensor, "batch landmark=21 2"]
+    """Labels, pixels of the crop; NaN where there is no label."""
+    labelled: Bool[Tensor, "batch landmark=21"]
+    """Which landmarks have a 2D label."""
+    index: Int[Tensor, " batch"]
+    """Position of each sample in its dataset."""
+    source: tuple[str, ...]
+    """The file or recipe of each sample."""
+    intrinsics: Float[Tensor, "batch 3 3"] | None = None
+    """Camera matrix of the crop, pixels; absent if any sample lacks one."""
+    landmarks_3d: Float[Tensor, "batch landmark=21 3"] | None = None
+    """Ground truth, camera frame, metres; NaN for samples without; absent if all lack it."""
+    vertices: Float[Tensor, "batch vertex 3"] | None = None
+    """Ground truth, camera frame, metres; NaN for samples without; absent if all lack it."""
+    occluded: Bool[Tensor, "batch landmark=21"] | None = None
+    """Which landmarks cannot be seen; absent if any sample does not know."""
+    label_noise: Float[Tensor, "batch landmark=21"] | None = None
+    """Standard deviation of the label's noise, pixels; NaN where unknown."""
+
+    def __len__(self) -> int:
+        return int(self.landmarks_2d.shape[0])
+
+    @property
+    def crop_size(self) -> int:
+        """Side of the square crop, pixels."""
+        return int(self.image.shape[-1])
+
+
+@dataclass(frozen=True)
+class HandPrediction(_TensorRecord):
+    """What the reconstructor says of a batch of crops."""
+
+    parameters: HandParameters
+    """Pose, shape and placement."""
+    vertices: Float[Tensor, "*batch vertex 3"]
+    """Camera frame, metres."""
+    joints: Float[Tensor, "*batch joint=16 3"]
+    """Rotation centres, camera frame, metres."""
+    landmarks_3d: Float[Tensor, "*batch landmark=21 3"]
+    """Camera frame, metres."""
+    landmarks_2d: Float[Tensor, "*batch landmark=21 2"]
+    """Projections, pixels of the crop."""
+    log_sigma: Float[Tensor, "*batch landmark=21 2"]
+    """log σ of each coordinate, σ in pixels of a 224-pixel crop (Sec. 3.3)."""
+    intrinsics: Float[Tensor, "*batch 3 3"]
+    """The camera matrix used for the projection, pixels of the crop."""
+
+    def to(self, *args: object, **kwargs: object) -> Self:
+        """The same record with every tensor moved, the parameters' too."""
+        return replace(super().to(*args, **kwargs), parameters=self.parameters.to(*args, **kwargs))
+
+    def detach(self) -> Self:
+        """The same record outside the graph, the parameters too."""
+        return replace(super().detach(), parameters=self.parameters.detach())
+
+
+def collate(samples: list[HandSample]) -> HandBatch:
+    """Stack samples into a batch; see `HandBatch` for what happens to what some of them lack.
+
+    Raises:
+        ValueError: The list is empty, or the crops differ in size.
+    """
+    if not samples:
+        raise ValueError("Cannot make a batch of no samples.")
+    sizes = {tuple(sample.image.shape) for sample in samples}
+    if len(sizes) > 1:
+        raise ValueError(
+            f"Crops in one batch must have one size, found {sorted(sizes)}. "
+            "Set one `crop_size` for every dataset in the mixture."
+        )
+    return HandBatch(
+        image=torch.stack([sample.image for sample in samples]),
+        landmarks_2d=torch.stack([sample.landmarks_2d for sample in samples]),
+        labelled=torch.stack([sample.labelled for sample in samples]),
+        index=torch.tensor([sample.index for sample in samples]),
+        source=tuple(sample.source for sample in samples),
+        intrinsics=_stack_if_all([sample.intrinsics for sample in samples]),
+        landmarks_3d=_stack_or_nan([sample.landmarks_3d for sample in samples]),
+        vertices=_stack_or_nan([sample.vertices for sample in samples]),
+        occluded=_stack_if_all([sample.occluded for sample in samples]),
+        label_noise=_stack_or_nan([sample.label_noise for sample in samples]),
+    )
+
+
+def _stack_if_all(tensors: list[Tensor | None]) -> Tensor | None:
+    present = [tensor for tensor in tensors if tensor is not None]
+    return torch.stack(present) if len(present) == len(tensors) else None
+
+
+def _stack_or_nan(tensors: list[Tensor | None]) -> Tensor | None:
+    present = [tensor for tensor in tensors if tensor is not None]
+    if not present:
+        return None
+    missing = torch.full_like(present[0], float("nan"))
+    return torch.stack([missing if tensor is None else tensor for tensor in tensors])

@@ -1,0 +1,1 @@
+"""Pictures for people: overlays, curves and the report."""

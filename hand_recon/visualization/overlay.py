@@ -1,0 +1,98 @@
+"""Test images with what was predicted on them: landmarks, the mesh in place, and the mesh from the side."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hand_recon.hand.skeleton import LANDMARK_PARENTS
+from hand_recon.schema import HandBatch, HandPrediction
+from hand_recon.visualization.mesh import from_the_side, shade
+
+FINGER_COLOURS: Final = (
+    (30, 30, 30), (240, 190, 20), (40, 160, 70), (50, 100, 220), (205, 50, 160),
+)  # fmt: skip
+"""Thumb black, index yellow, middle green, ring blue, little magenta: the paper's Fig. 4."""
+
+COLUMNS: Final = ("image and labels", "predicted landmarks", "mesh on the image", "from the side")
+"""What the panels of a row show."""
+
+
+def draw_landmarks(
+    image: UInt8[np.ndarray, "height width 3"],
+    landmarks: Float[np.ndarray, "landmark=21 2"],
+    shown: Bool[np.ndarray, "landmark=21"] | None = None,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The skeleton over a copy of an image, one colour per finger.
+
+    Args:
+        image: RGB.
+        landmarks: Pixels, pixel i covering [i, i + 1).
+        shown: Landmarks to draw; without it, all that are finite.
+    """
+    finite = np.isfinite(landmarks).all(axis=1)
+    shown = finite if shown is None else shown & finite
+    canvas = np.ascontiguousarray(image.copy())
+    # OpenCV draws on pixel centres at whole numbers, in 1/16 pixels here.
+    fixed = np.where(finite[:, None], (landmarks - 0.5) * 16, 0).clip(-(2**20), 2**20)
+    points = [tuple(int(value) for value in point) for point in fixed.round()]
+    width = max(1, image.shape[0] // 110)
+    for child, parent in enumerate(LANDMARK_PARENTS):
+        colour = FINGER_COLOURS[max(child - 1, 0) // 4]
+        if parent >= 0 and shown[child] and shown[parent]:
+            cv2.line(canvas, points[parent], points[child], colour, width, cv2.LINE_AA, 4)
+    for child in np.flatnonzero(shown).tolist():
+        colour = FINGER_COLOURS[max(child - 1, 0) // 4]
+        cv2.circle(canvas, points[child], (width + 1) * 16, (255, 255, 255), -1, cv2.LINE_AA, 4)
+        cv2.circle(canvas, points[child], (width + 1) * 16 - 8, colour, -1, cv2.LINE_AA, 4)
+    return canvas
+
+
+def rows(
+    batch: HandBatch,
+    prediction: HandPrediction,
+    faces: Int[torch.Tensor, "face 3"],
+    panel: int = 224,
+) -> list[UInt8[np.ndarray, "height width 3"]]:
+    """One picture per hand of a batch, with the panels that `COLUMNS` names.
+
+    Args:
+        batch: Images as bytes, or as floats 0–1, with their labels.
+        prediction: Of these images.
+        faces: The hand's triangles.
+        panel: Side of each panel, pixels.
+    """
+    scale = panel / batch.crop_size
+    cameras = prediction.intrinsics.double().cpu().numpy().copy()
+    cameras[:, :2] *= scale
+    triangles = faces.cpu().numpy()
+    pictures = []
+    for index in range(len(batch)):
+        image = _enlarge(batch.image[index], panel)
+        labels = (batch.landmarks_2d[index] * scale).cpu().numpy()
+        landmarks = (prediction.landmarks_2d[index] * scale).cpu().numpy()
+        vertices = prediction.vertices[index].double().cpu().numpy()
+        mesh = shade(vertices, triangles, cameras[index], panel).over(image, opacity=0.8)
+        pictures.append(
+            np.concatenate(
+                [
+                    draw_landmarks(image, labels, batch.labelled[index].cpu().numpy()),
+                    draw_landmarks(image, landmarks),
+                    mesh,
+                    from_the_side(vertices, triangles, panel),
+                ],
+                axis=1,
+            )
+        )
+    return pictures
+
+
+def _enlarge(image: torch.Tensor, panel: int) -> UInt8[np.ndarray, "height width 3"]:
+    pixels = image if image.dtype == torch.uint8 else (image * 255).round().clamp(0, 255)
+    array = pixels.to(torch.uint8).permute(1, 2, 0).cpu().numpy()
+    enlarged: UInt8[np.ndarray, "height width 3"] = np.asarray(
+        cv2.resize(array, (panel, panel), interpolation=cv2.INTER_LINEAR), dtype=np.uint8
+    )
+    return enlarged

@@ -1,0 +1,257 @@
+import logging
+import math
+from pathlib import Path
+from typing import Any
+
+import lightning
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from hand_recon.data.augment import Augmentation
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.crop_reader import ReadingPolicy
+from hand_recon.data.datamodule import HandDataModule, HandDataset, SeededShuffle
+from hand_recon.data.freihand_datamodule import FreiHandDataModule
+from hand_recon.data.synthetic_datamodule import SyntheticDataModule
+from hand_recon.schema import HandBatch, HandSample
+from tests.data.freihand_folder import write_folder
+
+CONF = str(Path(__file__).resolve().parents[2] / "conf")
+
+
+class Numbered:
+    """Hands whose picture is their own number."""
+
+    def __init__(self, count: int, with_3d: bool = True) -> None:
+        self.count = count
+        self.with_3d = with_3d
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: int) -> HandSample:
+        return HandSample(
+            image=torch.full((3, 16, 16), index, dtype=torch.uint8),
+            landmarks_2d=torch.full((21, 2), 8.0),
+            labelled=torch.ones(21, dtype=torch.bool),
+            index=index,
+            source=f"number {index}",
+            landmarks_3d=torch.full((21, 3), float(index)) if self.with_3d else None,
+        )
+
+
+class Watcher(lightning.LightningModule):
+    """Learns nothing and remembers every batch it was given."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(()))
+        self.seen: dict[str, list[HandBatch]] = {"train": [], "val": [], "test": []}
+
+    def training_step(self, batch: HandBatch, batch_index: int) -> torch.Tensor:
+        self.seen["train"].append(batch)
+        return self.weight * batch.image.mean()
+
+    def validation_step(self, batch: HandBatch, batch_index: int) -> None:
+        self.seen["val"].append(batch)
+
+    def test_step(self, batch: HandBatch, batch_index: int) -> None:
+        self.seen["test"].append(batch)
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        return torch.optim.SGD(self.parameters(), lr=0.0)
+
+
+def make(train: int = 20, **arguments: Any) -> HandDataModule:  # noqa: ANN401
+    return HandDataModule(
+        lambda: Numbered(train), lambda: Numbered(5), lambda: Numbered(6), crop_size=16, **arguments
+    )
+
+
+def trainer(epochs: int = 1) -> lightning.Trainer:
+    return lightning.Trainer(
+        max_epochs=epochs,
+        accelerator="cpu",
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        num_sanity_val_steps=0,
+    )
+
+
+def numbers(batches: list[HandBatch]) -> list[int]:
+    return torch.cat([batch.index for batch in batches]).tolist()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_an_epoch_shows_every_training_hand_once_in_a_new_order() -> None:
+    module = Watcher()
+    trainer(epochs=2).fit(module, datamodule=make(batch_size=4))
+    first, second = numbers(module.seen["train"][:5]), numbers(module.seen["train"][5:])
+    assert sorted(first) == sorted(second) == list(range(20))
+    assert first != second
+    assert numbers(module.seen["val"][:2]) == list(range(5))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_only_training_is_augmented_and_all_images_are_floats() -> None:
+    module, data = Watcher(), make(batch_size=4, augmentation=Augmentation(colour=0.2))
+    run = trainer()
+    run.fit(module, datamodule=data)
+    run.test(module, datamodule=data, verbose=False)
+    for split in ("val", "test"):
+        for batch in module.seen[split]:
+            assert torch.equal(batch.image[:, 0, 8, 8] * 255, batch.index.float())
+    assert all(batch.image.dtype == torch.float32 for batch in module.seen["train"])
+    moved = torch.cat(
+        [batch.image[:, 0, 8, 8] * 255 - batch.index for batch in module.seen["train"]]
+    )
+    assert (moved.abs() > 1e-3).sum() > 10
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_two_runs_with_one_seed_see_the_same_pictures() -> None:
+    runs: list[torch.Tensor] = []
+    for seed in (1, 1, 2):
+        module = Watcher()
+        torch.manual_seed(len(runs))
+        trainer().fit(module, datamodule=make(batch_size=4, augmentation=Augmentation(), seed=seed))
+        runs.append(torch.cat([batch.image for batch in module.seen["train"]]))
+    assert torch.equal(runs[0], runs[1])
+    assert not torch.equal(runs[0], runs[2])
+
+
+def test_the_order_of_an_epoch_depends_on_seed_and_epoch_alone() -> None:
+    shuffle = SeededShuffle(Numbered(50), seed=3)
+    first = list(shuffle)
+    shuffle.set_epoch(1)
+    assert list(shuffle) != first
+    shuffle.set_epoch(0)
+    assert list(shuffle) == first
+    assert sorted(first) == list(range(50))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_worker_processes_give_the_same_batches() -> None:
+    direct = [batch.index for batch in make(batch_size=4).train_dataloader()]
+    worked = [batch.index for batch in make(batch_size=4, workers=2).train_dataloader()]
+    assert torch.equal(torch.stack(direct), torch.stack(worked))
+
+
+def test_fewer_samples_than_a_batch_are_one_smaller_batch_aloud(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        batches = list(make(train=3, batch_size=64).train_dataloader())
+    assert [len(batch) for batch in batches] == [3]
+    assert "3 training samples, fewer than batch_size=64" in caplog.text
+
+
+def test_an_odd_batch_at_the_end_is_dropped_in_training_only() -> None:
+    data = make(train=10, batch_size=4)
+    assert [len(batch) for batch in data.train_dataloader()] == [4, 4]
+    assert [len(batch) for batch in data.test_dataloader()] == [4, 2]
+
+
+def test_an_empty_split_is_refused() -> None:
+    with pytest.raises(ValueError, match="train split of hands is empty"):
+        make(train=0).setup("fit")
+    with pytest.raises(ValueError, match="batch_size=0 must be at least 1"):
+        make(batch_size=0)
+
+
+@pytest.mark.parametrize(
+    ("stage", "expected"),
+    [
+        ("fit", ["train", "val"]),
+        ("validate", ["val"]),
+        ("test", ["test"]),
+        (None, ["train", "val", "test"]),
+    ],
+)
+def test_a_stage_builds_what_it_needs_once(stage: str | None, expected: list[str]) -> None:
+    built: list[str] = []
+
+    def factory(split: str) -> HandDataset:
+        built.append(split)
+        return Numbered(4)
+
+    data = HandDataModule(
+        lambda: factory("train"), lambda: factory("val"), lambda: factory("test"), crop_size=16
+    )
+    data.setup(stage)
+    data.setup(stage)
+    assert built == expected
+
+
+def test_ground_truth_is_spread_over_the_training_set() -> None:
+    truth = make(train=20).train_ground_truth(limit=4)
+    assert truth is not None
+    assert truth[0][:, 0, 0].tolist() == [0, 5, 10, 15]
+    assert truth[1] is None
+    bare = HandDataModule(
+        lambda: Numbered(4, with_3d=False), lambda: Numbered(1), lambda: Numbered(1), crop_size=16
+    )
+    assert bare.train_ground_truth() is None
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_freihand_folder_trains_validates_and_tests(tmp_path: Path) -> None:
+    root = write_folder(tmp_path / "hands", hands=20).root
+    data = FreiHandDataModule(
+        root,
+        crop=CropPolicy(32, "joints"),
+        reading=ReadingPolicy(tmp_path / "cache"),
+        batch_size=8,
+        augmentation=Augmentation(),
+    )
+    module, run = Watcher(), trainer()
+    run.fit(module, datamodule=data)
+    run.test(module, datamodule=data, verbose=False)
+    assert len(numbers(module.seen["train"])) == 64
+    assert module.seen["train"][0].image.shape == (8, 3, 32, 32)
+    assert module.seen["test"][0].landmarks_3d is not None
+    assert data.landmarks == "mano"
+    truth = data.train_ground_truth(10)
+    assert truth is not None
+    assert truth[0].shape == (10, 21, 3)
+
+
+def test_an_unknown_option_of_freihand_is_refused_at_once(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="colour"):
+        FreiHandDataModule(tmp_path, colour="red")
+
+
+def test_synthetic_hands_come_with_surfaces_for_evaluation(tmp_path: Path) -> None:
+    data = SyntheticDataModule(
+        "easy",
+        train_size=6,
+        val_size=2,
+        test_size=2,
+        crop_size=48,
+        cache_dir=tmp_path,
+        batch_size=3,
+    )
+    batches = list(data.train_dataloader())
+    assert [len(batch) for batch in batches] == [3, 3]
+    assert batches[0].vertices is None
+    assert next(iter(data.test_dataloader())).vertices is not None
+    truth = data.train_ground_truth(4)
+    assert truth is not None
+    assert truth[1] is not None
+    assert truth[1].shape[:1] == (4,)
+
+
+@pytest.mark.parametrize("overrides", [["data=synthetic"], ["data=freihand", "data.root=hands"]])
+def test_the_configuration_builds_a_datamodule(overrides: list[str], tmp_path: Path) -> None:
+    with initialize_config_dir(CONF, version_base="1.3"):
+        config = compose("train", [*overrides, f"paths.cache={tmp_path}"])
+    data = instantiate(config.data)
+    assert isinstance(data, HandDataModule)
+    assert data.crop_size == config.crop_size
+    assert data.batch_size == config.data.batch_size
+    assert data.augmentation is not None
+    assert math.isclose(data.augmentation.rotation, config.data.augmentation.rotation)

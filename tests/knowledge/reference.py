@@ -1,0 +1,21 @@
+"""The knowledge losses as the paper writes them, one joint and one axis at a time."""
+
+import numpy as np
+
+
+def pose_loss(angles: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Eq. 1: Σ_j max{θ_j − θ_max, θ_min − θ_j, 0}²."""
+    flat = angles.reshape(-1, 15, 3)
+    totals = []
+    for hand in flat:
+        total = 0.0
+        for joint in range(15):
+            for axis in range(3):
+                excess = max(
+                    hand[joint, axis] - upper[joint, axis],
+                    lower[joint, axis] - hand[joint, axis],
+                    0.0,
+                )
+                total += excess**2
+        totals.append(total)
+    return np.array(totals).reshape(angles.shape[:-2])

@@ -1,0 +1,157 @@
+"""The range tables are complete, cited and sane, and a user's own table is checked."""
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import ARTICULATED, AXES
+from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges, table_path
+
+BEND, SPLAY, TWIST = (AXES.index(axis) for axis in ("bend", "splay", "twist"))
+
+
+def _degrees(ranges: RangeOfMotion, joint: str, axis: str) -> tuple[float, float]:
+    place = ARTICULATED.index(joint), AXES.index(axis)
+    return round(math.degrees(ranges.lower[place]), 3), round(math.degrees(ranges.upper[place]), 3)
+
+
+def _edited(tmp_path: Path, joint: str, axis: str, row: list[object]) -> str:
+    table = OmegaConf.load(table_path("literature"))
+    table["joints"][joint][axis] = row
+    OmegaConf.save(table, tmp_path / "mine.yaml")
+    return str(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize("name", ["literature", "paper_release"])
+def test_every_joint_has_a_range_on_every_axis(name: str) -> None:
+    ranges = load_ranges(name, torch.zeros(15, 3))
+    assert ranges.lower.shape == ranges.upper.shape == (15, 3)
+    assert bool((ranges.lower <= ranges.upper).all())
+
+
+def test_the_literature_is_read_as_printed_in_radians() -> None:
+    ranges = load_ranges("literature")
+    assert _degrees(ranges, "index MCP", "bend") == (-25.9, 84.7)
+    assert _degrees(ranges, "little MCP", "splay") == (-54.6, 15.1)
+    assert _degrees(ranges, "thumb IP", "bend") == (-15, 80)
+
+
+def test_the_release_is_read_as_published_when_the_template_is_the_neutral() -> None:
+    ranges = load_ranges("paper_release", torch.zeros(15, 3))
+    assert _degrees(ranges, "index MCP", "splay") == (-40, 5)
+    assert _degrees(ranges, "ring MCP", "bend") == (-20, 90)
+    assert _degrees(ranges, "thumb CMC", "bend") == (-20, 90)
+
+
+def test_the_release_moves_with_the_rest_pose_and_the_literature_does_not() -> None:
+    rest = torch.linspace(-0.4, 0.4, 45).view(15, 3)
+    still, moved = load_ranges("paper_release", torch.zeros(15, 3)), load_ranges("paper_release", rest)
+    torch.testing.assert_close(moved.lower, still.lower + rest)
+    torch.testing.assert_close(moved.upper, still.upper + rest)
+    torch.testing.assert_close(load_ranges("literature", rest).upper, load_ranges("literature").upper)
+
+
+@pytest.mark.parametrize("name", ["literature", "paper_release"])
+def test_no_joint_twists_and_hinges_do_not_splay(name: str) -> None:
+    ranges = load_ranges(name, torch.zeros(15, 3))
+    assert not ranges.lower[:, TWIST].any()
+    assert not ranges.upper[:, TWIST].any()
+    hinges = [i for i, joint in enumerate(ARTICULATED) if joint.split()[1] in ("PIP", "DIP", "IP")]
+    assert not ranges.upper[hinges, SPLAY].any()
+
+
+def test_the_released_table_has_the_twenty_freedoms_of_the_paper() -> None:
+    ranges = load_ranges("paper_release", torch.zeros(15, 3))
+    assert int((ranges.upper > ranges.lower).sum()) == 20
+
+
+def test_every_joint_flexes_farther_than_it_extends() -> None:
+    ranges = load_ranges("literature")
+    assert bool((ranges.upper[:, BEND] > -ranges.lower[:, BEND]).all())
+
+
+@pytest.mark.parametrize("name", ["literature", "paper_release"])
+def test_every_number_names_a_source_that_the_table_explains(name: str) -> None:
+    table = OmegaConf.load(table_path(name))
+    used = {str(table["joints"][joint][axis][2]) for joint in ARTICULATED for axis in AXES}
+    assert used <= set(table["sources"])
+
+
+def test_the_open_hands_neutral_is_inside_the_literature(hand: HandModel) -> None:
+    assert bool(load_ranges("literature").contains(hand.neutral_angles()))
+
+
+def test_the_rest_pose_is_inside_the_release(hand: HandModel) -> None:
+    ranges = load_ranges("paper_release", hand.rest_angles)
+    assert bool(ranges.contains(hand.rest_angles))
+
+
+def test_clamping_brings_every_pose_inside_and_leaves_the_inside_alone() -> None:
+    ranges = load_ranges("literature")
+    wild = 3 * torch.randn(20, 15, 3, generator=torch.Generator().manual_seed(0))
+    clamped = ranges.clamp(wild)
+    assert bool(ranges.contains(clamped).all())
+    torch.testing.assert_close(ranges.clamp(clamped), clamped)
+
+
+def test_a_users_own_table_is_read_from_its_path(tmp_path: Path) -> None:
+    path = _edited(tmp_path, "index PIP", "bend", [-5, 90, "textbook"])
+    assert _degrees(load_ranges(path), "index PIP", "bend") == (-5, 90)
+
+
+def test_an_unknown_table_is_refused_with_the_names_of_the_known_ones() -> None:
+    with pytest.raises(FileNotFoundError, match="literature.*paper_release"):
+        load_ranges("literatur")
+
+
+def test_a_table_that_counts_from_the_template_needs_the_rest_pose() -> None:
+    with pytest.raises(ValueError, match="rest_angles"):
+        load_ranges("paper_release")
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ([10, -10, "latz"], "minimum must not exceed"),
+        ([0, 400, "latz"], "within ±180"),
+        ([0, 10], "minimum, maximum, source"),
+        ([0, 10, "hearsay"], "hearsay"),
+    ],
+)
+def test_a_bad_row_is_refused(tmp_path: Path, row: list[object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_ranges(_edited(tmp_path, "ring MCP", "bend", row))
+
+
+def test_a_missing_joint_and_an_unknown_one_are_both_named(tmp_path: Path) -> None:
+    table = OmegaConf.load(table_path("literature"))
+    table["joints"]["pinky MCP"] = table["joints"].pop("little MCP")
+    OmegaConf.save(table, tmp_path / "mine.yaml")
+    with pytest.raises(ValueError, match=r"missing \['little MCP'\].*unknown \['pinky MCP'\]"):
+        load_ranges(str(tmp_path / "mine.yaml"))
+
+
+def test_an_unknown_axis_is_refused(tmp_path: Path) -> None:
+    table = OmegaConf.load(table_path("literature"))
+    table["joints"]["ring MCP"]["roll"] = table["joints"]["ring MCP"].pop("twist")
+    OmegaConf.save(table, tmp_path / "mine.yaml")
+    with pytest.raises(ValueError, match="roll"):
+        load_ranges(str(tmp_path / "mine.yaml"))
+
+
+def test_a_table_must_say_what_it_counts_from(tmp_path: Path) -> None:
+    table = OmegaConf.load(table_path("literature"))
+    table["reference"] = "somewhere"
+    OmegaConf.save(table, tmp_path / "mine.yaml")
+    with pytest.raises(ValueError, match="somewhere"):
+        load_ranges(str(tmp_path / "mine.yaml"))
+
+
+def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("just: this\n")
+    with pytest.raises(ValueError, match="joints"):
+        load_ranges(str(tmp_path / "mine.yaml"))

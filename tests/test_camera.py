@@ -1,0 +1,118 @@
+"""Projection, placement and the two cameras."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hand_recon.camera import (
+    default_intrinsics,
+    project,
+    raw_to_translation,
+    rotation_between,
+    six_d_to_rotation,
+    to_true_camera,
+)
+from tests.tolerance import BATCH_SHAPES, assert_close
+
+
+def double(*values: float) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def test_a_point_on_the_axis_falls_on_the_centre_of_the_crop() -> None:
+    pixel = project(double(0, 0, 0.6)[None], default_intrinsics(224, double(0)))
+    assert_close(pixel, double(112, 112)[None])
+
+
+def test_ten_centimetres_at_half_a_metre_are_a_hundred_pixels() -> None:
+    pixels = project(double(0.1, -0.1, 0.5)[None], default_intrinsics(224, double(0)))
+    assert_close(pixels, double(212, 12)[None])
+
+
+def test_the_same_hand_covers_the_same_share_of_a_crop_of_any_size() -> None:
+    points = torch.randn(5, 3, dtype=torch.float64) * 0.05 + double(0, 0, 0.6)
+    large = project(points, default_intrinsics(224, points))
+    small = project(points, default_intrinsics(96, points))
+    assert_close(small / 96, large / 224)
+
+
+def test_a_raw_scale_of_six_point_seven_puts_a_hand_at_sixty_centimetres() -> None:
+    translation = raw_to_translation(double(math.log(500 / 0.6), 0.01, -0.02))
+    assert_close(translation, double(0.01, -0.02, 0.6))
+
+
+def test_points_behind_the_camera_have_finite_pixels_and_gradients() -> None:
+    points = torch.tensor([[0.1, 0.0, -0.3], [0.0, 0.1, 0.0]], requires_grad=True)
+    pixels = project(points, default_intrinsics(224, points))
+    pixels.sum().backward()
+    assert points.grad is not None
+    assert torch.isfinite(pixels).all()
+    assert torch.isfinite(points.grad).all()
+
+
+@pytest.mark.parametrize("shape", BATCH_SHAPES)
+def test_six_numbers_always_make_a_rotation(shape: tuple[int, ...]) -> None:
+    rotation = six_d_to_rotation(torch.randn(*shape, 6, dtype=torch.float64))
+    assert rotation.shape == (*shape, 3, 3)
+    assert_close(rotation @ rotation.mT, torch.eye(3, dtype=torch.float64).expand_as(rotation))
+    assert_close(torch.linalg.det(rotation), torch.ones(shape, dtype=torch.float64))
+
+
+def test_six_numbers_of_a_rotation_give_it_back() -> None:
+    rotation = six_d_to_rotation(torch.randn(7, 6, dtype=torch.float64))
+    assert_close(six_d_to_rotation(rotation[..., :2].mT.flatten(-2)), rotation)
+
+
+def test_the_smallest_rotation_takes_source_to_target_and_keeps_their_normal() -> None:
+    source, target = torch.randn(2, 9, 3, dtype=torch.float64)
+    rotation = rotation_between(source, target)
+    unit = torch.nn.functional.normalize
+    assert_close(torch.einsum("bxy,by->bx", rotation, unit(source, dim=-1)), unit(target, dim=-1))
+    normal = torch.linalg.cross(source, target)
+    assert_close(torch.einsum("bxy,by->bx", rotation, normal), normal)
+
+
+def test_the_true_camera_of_an_uncalibrated_crop_changes_nothing() -> None:
+    rotation = six_d_to_rotation(torch.randn(4, 6, dtype=torch.float64))
+    translation = torch.randn(4, 3, dtype=torch.float64) * 0.05 + double(0, 0, 0.6)
+    same = to_true_camera(
+        rotation, translation, default_intrinsics(96, rotation).expand(4, 3, 3), 96
+    )
+    assert_close(same[0], rotation)
+    assert_close(same[1], translation)
+
+
+@given(
+    focal=st.floats(150, 2000),
+    x=st.floats(-400, 600),
+    y=st.floats(-400, 600),
+    skew=st.floats(-5, 5),
+)
+def test_the_hand_stays_where_it_is_in_the_crop_under_any_camera(
+    focal: float, x: float, y: float, skew: float
+) -> None:
+    true = double(focal, skew, x, 0, focal, y, 0, 0, 1).reshape(1, 3, 3)
+    translation = double(0.03, -0.02, 0.6)[None]
+    eye = torch.eye(3, dtype=torch.float64)[None]
+    _, moved = to_true_camera(eye, translation, true, 224)
+    before = project(translation[:, None], default_intrinsics(224, eye).expand(1, 3, 3))
+    assert_close(project(moved[:, None], true), before)
+    assert_close(moved[:, 2], translation[:, 2] * focal / 500)
+
+
+def test_a_small_hand_looks_the_same_through_a_long_lens_off_centre() -> None:
+    """A tiny object under the true camera covers the same pixels, up to its own perspective."""
+    points = torch.randn(21, 3, dtype=torch.float64) * 1e-4
+    translation = double(0.05, 0.02, 0.6)[None]
+    eye = torch.eye(3, dtype=torch.float64)[None]
+    assumed = default_intrinsics(224, eye).expand(1, 3, 3)
+    true = double(800, 0, 400, 0, 800, -50, 0, 0, 1).reshape(1, 3, 3)
+    rotation, moved = to_true_camera(eye, translation, true, 224)
+    before = project(points[None] + translation[:, None], assumed)
+    after = project(points[None] @ rotation.mT + moved[:, None], true)
+    spread = (before - before.mean(dim=1, keepdim=True)).norm()
+    # The image plane stretches away from its centre: by at most the squared cosine of the ray here.
+    assert (after - before).norm() < 0.35 * spread

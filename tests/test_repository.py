@@ -1,0 +1,129 @@
+"""The repository keeps its promises: everything imports, commands exist, the lock is whole."""
+
+import ast
+import importlib
+import importlib.metadata
+import pkgutil
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from omegaconf import DictConfig, OmegaConf
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import hand_recon
+from check_large_files import files_of, too_large
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = [m.name for m in pkgutil.walk_packages(hand_recon.__path__, "hand_recon.")]
+CONFIGS = sorted((ROOT / "conf").rglob("*.yaml"))
+INDEX_HOST = re.compile(
+    r"(index|find-links|registry|resolved)[-_a-z]*[\"']?\s*[=:]\s*[\"']?(https?|file)://"
+    r"|https?://[^\s/]+/(simple|packages)/"
+)
+
+
+def committed_texts() -> dict[str, str]:
+    """The text of every file that git has or would add, by path."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout: what is committed cannot be told")
+    files = [path for path in files_of(ROOT) if (ROOT / path).is_file()]
+    return {path: (ROOT / path).read_bytes().decode("utf-8", "ignore") for path in files}
+
+
+def lock_entries() -> dict[str, list[str]]:
+    """The lines below each locked package, by its canonical name; a name can be locked twice."""
+    entries: dict[str, list[str]] = {}
+    name = ""
+    for line in (ROOT / "requirements.lock").read_text().splitlines():
+        if found := re.match(r"([A-Za-z0-9._-]+)(\[.*\])?==(\S+)", line):
+            name = canonicalize_name(found[1])
+            entries.setdefault(name, []).append(f"version {found[3]}")
+        elif line.strip().startswith("--hash="):
+            entries[name].append(line.strip())
+    return entries
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_module_imports(module: str) -> None:
+    importlib.import_module(module)
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_configuration_file_is_a_mapping(path: Path) -> None:
+    assert isinstance(OmegaConf.load(path), DictConfig)
+
+
+def test_every_locked_version_has_hashes() -> None:
+    for name, lines in lock_entries().items():
+        for line, following in zip(lines, [*lines[1:], ""], strict=True):
+            if line.startswith("version"):
+                assert following.startswith("--hash=sha256:"), f"{name} {line}"
+
+
+def test_every_declared_dependency_is_locked_at_a_version_that_is_allowed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    entries = lock_entries()
+    for requirement in map(Requirement, declared):
+        lines = entries.get(canonicalize_name(requirement.name), [])
+        versions = [line.removeprefix("version ") for line in lines if line.startswith("version")]
+        assert versions, f"{requirement} is not in requirements.lock: run `make lock`"
+        assert all(v in requirement.specifier for v in versions), f"{requirement}: {versions}"
+
+
+def imported_packages(file: Path) -> set[str]:
+    """Top-level names that a module imports, wherever in it."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+def test_every_imported_package_is_a_declared_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = {canonicalize_name(Requirement(line).name) for line in project["dependencies"]}
+    providers = importlib.metadata.packages_distributions()
+    for file in (ROOT / "hand_recon").rglob("*.py"):
+        for name in imported_packages(file) - sys.stdlib_module_names - {"hand_recon"}:
+            distributions = {canonicalize_name(found) for found in providers.get(name, [])}
+            assert distributions & declared, f"{file.relative_to(ROOT)} imports {name}"
+
+
+def test_no_committed_file_names_a_package_index() -> None:
+    naming = {path for path, text in committed_texts().items() if INDEX_HOST.search(text)}
+    assert naming <= {"tests/test_repository.py"}, "this file alone names the pattern"
+
+
+def test_no_committed_file_names_this_machine() -> None:
+    if ROOT.parent == Path("/"):
+        pytest.skip("the checkout is at the top of the file system: its path is in every URL")
+    home = f"{ROOT.parent}/"
+    assert not [path for path, text in committed_texts().items() if home in text]
+
+
+def test_every_make_command_in_the_documents_exists() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    documents = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "data" / "README.md"]
+    for document in filter(Path.is_file, documents):
+        quoted = re.findall(r"(?:^|`)\s*make ([a-z-]+)", document.read_text(), re.MULTILINE)
+        assert set(quoted) <= targets, document.name
+
+
+def test_a_large_file_is_refused_unless_it_is_named(tmp_path: Path) -> None:
+    (tmp_path / "small.py").write_bytes(b"x" * 100_000)
+    (tmp_path / "weights.bin").write_bytes(b"x" * 100_001)
+    (tmp_path / "requirements.lock").write_bytes(b"x" * 100_001)
+    complaints = too_large(tmp_path, ["small.py", "weights.bin", "requirements.lock", "deleted.py"])
+    assert complaints == ["weights.bin has 100001 bytes, more than its 100000."]
+
+
+def test_the_installed_package_is_this_checkout() -> None:
+    assert Path(hand_recon.__file__).resolve().parent == ROOT / "hand_recon"
+    assert importlib.metadata.version("hand_recon")

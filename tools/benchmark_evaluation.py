@@ -1,0 +1,121 @@
+"""How long all metrics of FreiHAND's 3,960 test frames take on one core, against frame by frame.
+
+The comparison follows the official script's structure: every frame by itself, aligned by SciPy,
+errors filed point by point, and a KD-tree per surface for each of the four F-scores. Run it with
+`python -m tools.benchmark_evaluation`; it prints seconds of processor time, which other programs on
+the machine disturb less than those of the clock.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from hand_recon.evaluation.metrics import HandMetrics
+from hand_recon.evaluation.official import freihand_scores
+from hand_recon.evaluation.scores import HandPoints
+from hand_recon.hand.open_hand import open_hand
+from tests import reference
+
+BATCH = 64
+
+
+def posed_hands(count: int, *, angle_error: float, seed: int = 0) -> tuple[HandPoints, HandPoints]:
+    """Open hands in random poses, and predictions whose angles, place and turn are a bit wrong."""
+    generator = torch.Generator().manual_seed(seed)
+    hand = open_hand()
+
+    def posed(angles: torch.Tensor, shift: torch.Tensor) -> HandPoints:
+        geometry = hand(angles, torch.zeros(count, 10))
+        return HandPoints(geometry.landmarks + shift, geometry.vertices + shift)
+
+    def random(*shape: int) -> torch.Tensor:
+        return torch.randn(count, *shape, generator=generator)
+
+    axes = torch.tensor([1.0, 0.3, 0.1])
+    angles = 0.3 * random(15, 3) * axes
+    place = torch.tensor([0.0, 0.0, 0.6])
+    truth = posed(angles, place)
+    return truth, posed(angles + angle_error * random(15, 3) * axes, place + 0.02 * random(1, 3))
+
+
+def frame_by_frame(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+    """FreiHAND's scores the way its script goes about them."""
+    pairs = {
+        name: (
+            getattr(truth, points).double().numpy(),
+            getattr(prediction, points).double().numpy(),
+        )
+        for name, points in {"xyz": "landmarks", "mesh": "vertices"}.items()
+    }
+    errors: dict[str, list[list[float]]] = {}
+    agreement: dict[str, list[float]] = {}
+    for frame in range(len(truth)):
+        for name, (points, predicted) in pairs.items():
+            aligned = reference.align_official(points[frame], predicted[frame])
+            for suffix, moved in {"": predicted[frame], "_al": aligned}.items():
+                filed = errors.setdefault(name + suffix, [[] for _ in points[frame]])
+                for of_point, one, other in zip(filed, points[frame], moved, strict=True):
+                    of_point.append(float(np.linalg.norm(one - other)))
+                if name == "mesh":
+                    for threshold in (5, 15):
+                        score = _f_score(points[frame], moved, threshold / 1000)
+                        agreement.setdefault(f"f{suffix}_score_{threshold}", []).append(score)
+    scores = {name: float(np.mean(values)) for name, values in agreement.items()}
+    for name, values in errors.items():
+        scores[f"{name}_mean3d"] = 100 * float(np.mean(values))
+        scores[f"{name}_auc3d"] = reference.auc(np.array(values).T)
+    return scores
+
+
+def _f_score(truth: NDArray[np.float64], moved: NDArray[np.float64], threshold: float) -> float:
+    recall = np.mean(cKDTree(moved).query(truth)[0] < threshold)
+    precision = np.mean(cKDTree(truth).query(moved)[0] < threshold)
+    total = recall + precision
+    return float(2 * recall * precision / total) if total else 0.0
+
+
+def seconds(run: Callable[[], dict[str, float]]) -> tuple[float, dict[str, float]]:
+    """Processor time of a call, and its result."""
+    start = time.process_time()
+    result = run()
+    return time.process_time() - start, result
+
+
+def all_metrics(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+    """Everything `HandMetrics` computes, batch by batch as in an evaluation."""
+    metrics = HandMetrics()
+    for index in torch.arange(len(truth)).split(BATCH):
+        metrics.update(prediction[index], truth[index], index)
+    return metrics.compute()
+
+
+def main() -> None:
+    """Measure, compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hands", type=int, default=3960)
+    parser.add_argument("--compared-hands", type=int, default=100)
+    parser.add_argument("--angle-error", type=float, default=0.2, help="radians")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    truth, prediction = posed_hands(arguments.hands, angle_error=arguments.angle_error)
+    all_metrics(truth[:BATCH], prediction[:BATCH])
+
+    took, scores = seconds(lambda: all_metrics(truth, prediction))
+    print(f"all metrics of {arguments.hands} hands: {took:.2f} s")
+    print("  " + "  ".join(f"{name} {value:.3f}" for name, value in scores.items()))
+    some = slice(0, arguments.compared_hands)
+    slow, expected = seconds(lambda: frame_by_frame(truth[some], prediction[some]))
+    slow *= arguments.hands / arguments.compared_hands
+    print(f"frame by frame: {slow:.1f} s; {slow / took:.0f} times as long")
+    actual = freihand_scores(truth[some], prediction[some])
+    worst = max(abs(actual[name] - expected[name]) for name in expected)
+    print(f"largest difference of FreiHAND's scores: {worst:.1e}")
+
+
+if __name__ == "__main__":
+    main()

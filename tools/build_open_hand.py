@@ -1,0 +1,104 @@
+"""Build the open hand's asset from the body model's CC0 data: `python tools/build_open_hand.py`.
+
+Needs the `assets` extra. The result is the same, bit for bit, on every run with the same packages.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from open_hand.closest import distances
+from open_hand.decimation import Decimation, decimate
+from open_hand.landmarks import knuckle_landmarks, mano_landmarks
+from open_hand.shape import ShapeDirections, shape_directions
+from open_hand.skeleton import ORDER, build_skeleton, tip_vertex
+from open_hand.skinning import skinning_weights
+from open_hand.source import SourceHand, boundary_ring, load_source
+
+ASSET = Path(__file__).resolve().parents[1] / "hand_recon" / "hand" / "assets" / "open_hand.npz"
+
+COUNTS = (778, 16)
+"""Vertices of the mesh and of its boundary at the wrist: MANO's, and so are the 1,538 faces."""
+
+
+GRID = 2**20
+"""Grid points per metre for the surface and its shape directions."""
+
+
+def build(source: SourceHand) -> dict[str, np.ndarray]:
+    """Everything that the hand's file holds, by the names of `HandAsset`'s fields."""
+    skeleton = build_skeleton(source)
+    weights = skinning_weights(source, skeleton)
+    shape = shape_directions(source, skeleton, weights)
+    pinned = [tip_vertex(source, finger) for finger in ORDER]
+    coarse = decimate(source.vertices, source.faces, COUNTS, pinned)
+    report(source, coarse, shape)
+    coarse_weights = strongest_four(coarse.barycentric @ weights)
+    return {
+        "template": coarse.vertices,
+        "shape_directions": np.einsum("cv,vxs->cxs", coarse.barycentric, shape.vertices),
+        "joints": skeleton.joints,
+        "joint_shape_directions": shape.joints,
+        "skinning_weights": coarse_weights,
+        "faces": coarse.faces,
+        "wrist_ring": boundary_ring(coarse.faces),
+        "frames": skeleton.frames,
+        "rest_angles": skeleton.rest_angles,
+        "landmarks_knuckle": knuckle_landmarks(coarse.vertices, coarse_weights, skeleton),
+        "landmarks_mano": mano_landmarks(coarse.vertices, coarse_weights, source, skeleton),
+    }
+
+
+def strongest_four(
+    weights: Float[np.ndarray, "vertex joint=16"],
+) -> Float[np.ndarray, "vertex joint=16"]:
+    """Rows with four influences at most, summing to one."""
+    weakest = np.sort(weights, axis=1)[:, -4, None]
+    kept = np.where((weights < weakest) | (weights < 1e-3), 0.0, weights)
+    return np.asarray(kept / kept.sum(axis=1, keepdims=True))
+
+
+def report(source: SourceHand, coarse: Decimation, shape: ShapeDirections) -> None:
+    """Print what the decimation cost and how the shape directions relate."""
+    samples = source.vertices[source.faces].mean(axis=1)
+    away = 1e3 * distances(samples, coarse.vertices, coarse.faces)
+    sys.stdout.write(
+        f"{len(source.vertices)} → {len(coarse.vertices)} vertices, {len(coarse.faces)} faces; the "
+        f"source's faces are {away.mean():.3f} mm away on average, {away.max():.2f} mm at most.\n"
+    )
+    flat = shape.vertices.reshape(-1, 10)
+    gram = flat.T @ flat
+    lengths = np.sqrt(np.diag(gram))
+    worst = np.abs(gram / np.outer(lengths, lengths) - np.eye(10)).max()
+    for name, rms in zip(shape.names, 1e3 * lengths / np.sqrt(len(shape.vertices)), strict=True):
+        sys.stdout.write(f"  {name}: {rms:.2f} mm RMS per standard deviation\n")
+    sys.stdout.write(f"Largest correlation between two shape directions: {worst:.3f}\n")
+
+
+def save(arrays: dict[str, np.ndarray], path: Path) -> None:
+    """Write single precision and 16-bit indices, replacing the file in one step."""
+    small = {name: array.astype(np.float32) for name, array in arrays.items()}
+    for name in ("faces", "wrist_ring"):
+        small[name] = arrays[name].astype(np.int16)
+    for name in ("template", "shape_directions"):
+        # A grid of about a micrometre: the file is half as large for it.
+        small[name] = (np.round(arrays[name] * GRID) / GRID).astype(np.float32)
+    temporary = path.with_suffix(".tmp.npz")
+    np.savez_compressed(temporary, **small)
+    os.replace(temporary, path)
+    sys.stdout.write(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB\n")
+
+
+def main() -> None:
+    """Build and write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=ASSET, help="where to write the asset")
+    save(build(load_source()), parser.parse_args().out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""Edge-collapse decimation by quadric error (Garland & Heckbert 1997) to an exact number of vertices."""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from open_hand.closest import closest_barycentric
+
+LENGTH_PENALTY = 4e-7
+"""Square metres by which an edge's squared length counts beside the quadric error: evens out the mesh."""
+
+BOUNDARY_WEIGHT = 0.1
+"""Weight of the planes that hold the open boundary in place."""
+
+SMALLEST_TURN = 0.3
+"""Cosine of the largest turn of a triangle's normal that a collapse may cause."""
+
+
+@dataclass(frozen=True)
+class Decimation:
+    """A coarser mesh and where its vertices are on the finer one."""
+
+    vertices: Float[np.ndarray, "coarse 3"]
+    """Metres."""
+    faces: Int[np.ndarray, "face 3"]
+    """Triangles with the finer mesh's orientation."""
+    barycentric: Float[np.ndarray, "coarse vertex"]
+    """Weights of the finer mesh's vertices at the nearest point of its surface."""
+
+
+class _Collapser:
+    """The mesh while it shrinks."""
+
+    def __init__(
+        self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], pinned: set[int]
+    ) -> None:
+        self.points = vertices.copy()
+        self.pinned = pinned
+        self.triangles = {index: tuple(map(int, face)) for index, face in enumerate(faces)}
+        self.incident: dict[int, set[int]] = {index: set() for index in range(len(vertices))}
+        for index, face in self.triangles.items():
+            for corner in face:
+                self.incident[corner].add(index)
+        self.quadrics = np.zeros((len(vertices), 4, 4))
+        for face in self.triangles.values():
+            self._add_face_quadric(face)
+        self.boundary = self._boundary()
+
+    def _add_face_quadric(self, face: tuple[int, ...]) -> None:
+        a, b, c = self.points[list(face)]
+        normal = np.cross(b - a, c - a)
+        area = np.linalg.norm(normal) / 2
+        plane = np.append(normal, -normal @ a) / (2 * area)
+        for corner in face:
+            self.quadrics[corner] += area * np.outer(plane, plane)
+
+    def _boundary(self) -> set[int]:
+        loose: set[int] = set()
+        for face in self.triangles.values():
+            for start, end in zip(face, face[1:] + face[:1], strict=True):
+                if len(self.incident[start] & self.incident[end]) == 1:
+                    loose |= {start, end}
+                    self._add_boundary_quadric(face, start, end)
+        return loose
+
+    def _add_boundary_quadric(self, face: tuple[int, ...], start: int, end: int) -> None:
+        a, b, c = self.points[list(face)]
+        along = self.points[end] - self.points[start]
+        normal = np.cross(along, np.cross(b - a, c - a))
+        normal /= np.linalg.norm(normal)
+        plane = np.append(normal, -normal @ self.points[start])
+        for corner in (start, end):
+            self.quadrics[corner] += BOUNDARY_WEIGHT * (along @ along) * np.outer(plane, plane)
+
+    def neighbours(self, vertex: int) -> set[int]:
+        """All vertices that share a triangle with this one."""
+        return {corner for face in self.incident[vertex] for corner in self.triangles[face]} - {vertex}
+
+    def candidate(self, a: int, b: int) -> tuple[float, int, int, tuple[float, ...]] | None:
+        """Cost of the best collapse of an edge, what stays, what goes, and where; None if forbidden."""
+        if self._fixed(b) and not self._fixed(a):
+            a, b = b, a
+        if self._fixed(b) and (b in self.pinned or a not in self.boundary):
+            return None
+        quadric = self.quadrics[a] + self.quadrics[b]
+        ends = [self.points[a]]
+        if not self._fixed(a):
+            ends += [self.points[b], (self.points[a] + self.points[b]) / 2, *self._best(quadric)]
+        costs = [np.append(p, 1) @ quadric @ np.append(p, 1) for p in ends]
+        best = int(np.argmin(costs))
+        length = self.points[a] - self.points[b]
+        cost = float(costs[best] + LENGTH_PENALTY * (length @ length))
+        if {a, b} <= self.boundary:
+            # The cut at the wrist is arbitrary: it is thinned first.
+            cost *= 1e-3
+        return cost, a, b, tuple(map(float, ends[best]))
+
+    def _fixed(self, vertex: int) -> bool:
+        return vertex in self.pinned or vertex in self.boundary
+
+    @staticmethod
+    def _best(quadric: Float[np.ndarray, "4 4"]) -> list[Float[np.ndarray, " 3"]]:
+        if np.linalg.cond(quadric[:3, :3]) > 1e4:
+            return []
+        return [np.linalg.solve(quadric[:3, :3], -quadric[:3, 3])]
+
+    def allowed(self, stays: int, goes: int, place: tuple[float, ...]) -> bool:
+        """Whether the mesh stays a manifold and no triangle folds over."""
+        shared = self.incident[stays] & self.incident[goes]
+        if len(self.neighbours(stays) & self.neighbours(goes)) != len(shared):
+            return False
+        if {stays, goes} <= self.boundary and len(shared) != 1:
+            return False
+        touched = (self.incident[stays] | self.incident[goes]) - shared
+        return all(self._keeps_its_side(face, (stays, goes), place) for face in touched)
+
+    def _keeps_its_side(self, face: int, moving: tuple[int, int], place: tuple[float, ...]) -> bool:
+        corners = self.triangles[face]
+        before = self.points[list(corners)]
+        after = np.array([place if c in moving else self.points[c] for c in corners])
+        normals = [np.cross(p[1] - p[0], p[2] - p[0]) for p in (before, after)]
+        sizes = [np.linalg.norm(normal) for normal in normals]
+        longest = max(float(np.sum((after[i] - after[i - 1]) ** 2)) for i in range(3))
+        if sizes[1] < 0.15 * longest:
+            return False
+        return bool(normals[0] @ normals[1] > SMALLEST_TURN * sizes[0] * sizes[1])
+
+    def collapse(self, stays: int, goes: int, place: tuple[float, ...]) -> None:
+        """Merge two vertices."""
+        for face in self.incident[stays] & self.incident[goes]:
+            for corner in self.triangles.pop(face):
+                self.incident[corner].discard(face)
+        for face in self.incident.pop(goes):
+            self.triangles[face] = tuple(stays if c == goes else c for c in self.triangles[face])
+            self.incident[stays].add(face)
+        self.points[stays] = place
+        self.quadrics[stays] += self.quadrics[goes]
+        self.boundary.discard(goes)
+
+
+def decimate(
+    vertices: Float[np.ndarray, "vertex 3"],
+    faces: Int[np.ndarray, "face 3"],
+    counts: tuple[int, int],
+    pinned: list[int],
+) -> Decimation:
+    """Collapse edges, cheapest first, until the wanted numbers of vertices are left.
+
+    Args:
+        vertices: Of the finer mesh, which has one open boundary; metres.
+        faces: Its triangles.
+        counts: Vertices wanted, and those of them wanted on the open boundary.
+        pinned: Vertices that stay where they are; they become the first ones of the result.
+
+    Raises:
+        ValueError: No allowed collapse is left before the count is reached.
+    """
+    count, boundary_count = counts
+    work = _Collapser(vertices, faces, set(pinned))
+    queue = [edge for a in work.incident for b in work.neighbours(a) if a < b and (edge := work.candidate(a, b))]
+    heapq.heapify(queue)
+    while len(work.incident) > count:
+        if not queue:
+            raise ValueError(f"Stuck at {len(work.incident)} vertices, {count} wanted.")
+        cost, stays, goes, place = heapq.heappop(queue)
+        if goes not in work.incident or stays not in work.incident or goes not in work.neighbours(stays):
+            continue
+        current = work.candidate(stays, goes)
+        if current is None or current[0] > cost + 1e-15:
+            if current is not None:
+                heapq.heappush(queue, current)
+            continue
+        _, stays, goes, place = current
+        both = {stays, goes} <= work.boundary
+        if (both and len(work.boundary) <= boundary_count) or not work.allowed(stays, goes, place):
+            continue
+        work.collapse(stays, goes, place)
+        for other in sorted(work.neighbours(stays)):
+            edge = work.candidate(stays, other)
+            if edge is not None:
+                heapq.heappush(queue, edge)
+    return _finish(work, vertices, faces, pinned)
+
+
+def _finish(
+    work: _Collapser,
+    mesh_vertices: Float[np.ndarray, "vertex 3"],
+    mesh_faces: Int[np.ndarray, "face 3"],
+    pinned: list[int],
+) -> Decimation:
+    order = pinned + sorted(set(work.incident) - set(pinned))
+    position = {vertex: index for index, vertex in enumerate(order)}
+    faces = np.array([[position[c] for c in work.triangles[f]] for f in sorted(work.triangles)])
+    vertices = work.points[order]
+    barycentric = closest_barycentric(vertices, mesh_vertices, mesh_faces)
+    return Decimation(vertices, faces, barycentric)

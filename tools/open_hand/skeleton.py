@@ -1,0 +1,202 @@
+"""Rotation centres where anatomy has them, and each joint's axes and neutral (docs/open_hand.md)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from open_hand.source import SourceHand
+
+MCP_SHIFT = {"index": 0.0130, "middle": 0.0115, "ring": 0.0125, "little": 0.0120}
+"""How far proximal of the rig's the MCP centres lie, metres: about 2 cm proximal of the webs."""
+
+DIP_SHIFT = {"index": 0.0025, "middle": 0.0015, "ring": 0.0025, "little": 0.0010}
+"""How far distal of the rig's the DIP centres lie, metres: the rig's distal phalanges are too long."""
+
+CMC_SHIFT = (0.0110, 0.0005, -0.0010)
+"""From the rig's CMC to the trapezium's saddle, metres: first metacarpal of published length."""
+
+THUMB_MCP_SHIFT = 0.0025
+"""How far distal of the rig's the thumb's MCP centre lies, metres."""
+
+DORSAL_DEPTH = {"MCP": 0.0098, "PIP": 0.0072, "DIP": 0.0057}
+"""From the skin of the back to the centre of the condyles, metres, for the middle finger."""
+
+ARCH = {"index": 2.0, "middle": 0.0, "ring": -2.0, "little": -5.0}
+"""Tilt of each finger's back towards the thumb, degrees: the transverse arch of the MCP heads.
+
+Less than the bones' own arch: fingers bent together lie side by side without room to spare.
+"""
+
+METACARPAL_OFFSET = {"index": 0.006, "middle": -0.001, "ring": 0.006, "little": -0.006}
+"""From the rig's metacarpal bases, which neighbours share, towards the thumb, metres."""
+
+TRAPEZIUM = (48.0, 38.0, 80.0)
+"""Flexion, abduction and pronation of the trapezium from the third metacarpal, degrees (Cooney 1981)."""
+
+ORDER = ("index", "middle", "little", "ring", "thumb")
+"""MANO's order of fingers; SOURCE_ROW says where each is in the source's own order."""
+
+SOURCE_ROW = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4}
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Centres and axes of the joints at rest."""
+
+    joints: Float[np.ndarray, "joint=16 3"]
+    """Rotation centres, metres."""
+    tips: Float[np.ndarray, "finger=5 3"]
+    """Ends of the fingers in MANO's order, metres."""
+    frames: Float[np.ndarray, "joint=15 3 3"]
+    """Axes of each child segment at rest, one per column: twist, splay, bend."""
+    rest_angles: Float[np.ndarray, "joint=15 axis=3"]
+    """Bend, splay and twist of the rest pose from the anatomical neutral, radians."""
+
+    def bone(self, joint: int) -> Float[np.ndarray, "2 3"]:
+        """Both ends of the segment that the articulated joint 1–15 moves."""
+        finger, part = divmod(joint - 1, 3)
+        end = self.tips[finger] if part == 2 else self.joints[joint + 1]
+        return np.stack([self.joints[joint], end])
+
+
+def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """The vector at length one."""
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def build_skeleton(source: SourceHand) -> Skeleton:
+    """Place the rotation centres in the source mesh and give every joint its axes."""
+    joints = np.zeros((16, 3))
+    tips = np.zeros((5, 3))
+    mesh = trimesh.Trimesh(source.vertices, source.faces, process=False)
+    for position, finger in enumerate(ORDER):
+        place = _thumb_centres if finger == "thumb" else _finger_centres
+        joints[1 + 3 * position : 4 + 3 * position] = place(source, mesh, finger)
+        tips[position] = fingertip(source, finger)
+    frames, rest_angles = _axes(joints, tips)
+    return Skeleton(joints, tips, frames, rest_angles)
+
+
+def fingertip(source: SourceHand, finger: str) -> Float[np.ndarray, " 3"]:
+    """The farthest vertex along the distal phalanx."""
+    return np.asarray(source.vertices[tip_vertex(source, finger)])
+
+
+def tip_vertex(source: SourceHand, finger: str) -> int:
+    """Index of the fingertip in the source mesh."""
+    row = SOURCE_ROW[finger]
+    _, proximal, distal = source.rig_joints[row]
+    own = np.flatnonzero(source.finger_weights[:, row] > 0.98)
+    return int(own[np.argmax(source.vertices[own] @ (distal - proximal))])
+
+
+def _finger_centres(
+    source: SourceHand, mesh: trimesh.Trimesh, finger: str
+) -> Float[np.ndarray, "3 3"]:
+    row = SOURCE_ROW[finger]
+    mcp, pip, dip = source.rig_joints[row]
+    tip = fingertip(source, finger)
+    base = source.metacarpal_bases[row] + np.array([0.0, 0.0, METACARPAL_OFFSET[finger]])
+    mcp = mcp + MCP_SHIFT[finger] * unit(base - mcp)
+    dip = dip + DIP_SHIFT[finger] * unit(tip - dip)
+    thickness = 1.0 if finger == "middle" else {"index": 0.98, "ring": 0.95, "little": 0.85}[finger]
+    centres = []
+    for name, centre, along in (("MCP", mcp, pip - mcp), ("PIP", pip, dip - mcp), ("DIP", dip, tip - pip)):
+        dorsal = _dorsal_of(along, finger)
+        skin = _skin(mesh, centre, dorsal)
+        centres.append(skin - thickness * DORSAL_DEPTH[name] * dorsal)
+    return np.stack(centres)
+
+
+def _dorsal_of(along: Float[np.ndarray, " 3"], finger: str) -> Float[np.ndarray, " 3"]:
+    tilt = np.radians(ARCH[finger])
+    dorsal = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+    return np.asarray(unit(dorsal - dorsal @ unit(along) * unit(along)))
+
+
+def _skin(
+    mesh: trimesh.Trimesh, inside: Float[np.ndarray, " 3"], direction: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, " 3"]:
+    hits, _, _ = mesh.ray.intersects_location(inside[None], direction[None], multiple_hits=True)
+    return np.asarray(hits[np.argmin(np.linalg.norm(hits - inside, axis=1))])
+
+
+def _thumb_centres(
+    source: SourceHand, mesh: trimesh.Trimesh, finger: str
+) -> Float[np.ndarray, "3 3"]:
+    cmc, mcp, ip = source.rig_joints[SOURCE_ROW[finger]]
+    cmc = cmc + np.array(CMC_SHIFT)
+    mcp = mcp + THUMB_MCP_SHIFT * unit(ip - mcp)
+    nail = trapezium_frame(np.array([1.0, 0.0, 0.0]))[:, 1]
+    centred = [cmc]
+    for centre, along, share in ((mcp, ip - cmc, 0.45), (ip, fingertip(source, finger) - mcp, 0.42)):
+        dorsal = unit(nail - nail @ unit(along) * unit(along))
+        back, palm = _skin(mesh, centre, dorsal), _skin(mesh, centre, -dorsal)
+        side = np.cross(unit(along), dorsal)
+        left, right = _skin(mesh, centre, side), _skin(mesh, centre, -side)
+        sideways = 0.0 if share > 0.44 else ((left + right) / 2 - centre) @ side
+        centred.append(back + share * (palm - back) + sideways * side)
+    return np.stack(centred)
+
+
+def trapezium_frame(proximal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Twist, splay and bend axes of the thumb's CMC at neutral, one per column.
+
+    The thumb's metacarpal in line with the trapezium, whose own axes stand 48° flexed, 38° abducted
+    and 80° pronated from the third metacarpal's (Cooney et al. 1981).
+
+    Args:
+        proximal: Along the third metacarpal, towards the wrist.
+    """
+    third = frame_along(proximal, np.array([0.0, 1.0, 0.0]))
+    flexion, abduction, pronation = np.radians(TRAPEZIUM)
+    local = rotation(1, abduction) @ rotation(2, flexion) @ rotation(0, pronation)
+    return np.asarray(third @ local)
+
+
+def frame_along(
+    proximal: Float[np.ndarray, " 3"], dorsal: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Right-handed axes in columns: towards the wrist, to the back, and what is left."""
+    x = unit(proximal)
+    y = unit(dorsal - dorsal @ x * x)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def rotation(axis: int, angle: float) -> Float[np.ndarray, "3 3"]:
+    """About a coordinate axis."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.eye(3)
+    turn[first, first] = turn[second, second] = np.cos(angle)
+    turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
+    return turn
+
+
+def _axes(
+    joints: Float[np.ndarray, "joint=16 3"], tips: Float[np.ndarray, "finger=5 3"]
+) -> tuple[Float[np.ndarray, "joint=15 3 3"], Float[np.ndarray, "joint=15 axis=3"]]:
+    frames, angles = np.zeros((15, 3, 3)), np.zeros((15, 3))
+    third = unit(joints[0] - joints[4])
+    for position, finger in enumerate(ORDER):
+        chain = np.vstack([joints[1 + 3 * position : 4 + 3 * position], tips[position]])
+        neutral = _root_neutral(finger, third)
+        for part in range(3):
+            joint = 3 * position + part
+            bone = unit(chain[part] - chain[part + 1])
+            local = neutral.T @ bone
+            # R_y(splay) R_z(bend) takes the first axis to (cos b cos s, sin b, −cos b sin s).
+            bend, splay = np.arcsin(local[1]), np.arctan2(-local[2], local[0])
+            frames[joint] = neutral @ rotation(1, splay) @ rotation(2, bend)
+            angles[joint] = bend, splay, 0.0
+            neutral = frames[joint]
+    return frames, angles
+
+
+def _root_neutral(finger: str, third: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Axes of the first segment at neutral: fingers parallel to the third metacarpal (AAOS)."""
+    if finger == "thumb":
+        return trapezium_frame(third)
+    tilt = np.radians(ARCH[finger])
+    return frame_along(third, np.array([0.0, np.cos(tilt), np.sin(tilt)]))

@@ -1,0 +1,28 @@
+"""Write synthetic hands in FreiHAND's layout: `python tools/write_freihand_fixture.py ROOT --unique 64`."""
+
+import argparse
+from pathlib import Path
+
+from hand_recon.data.synthetic.freihand_layout import FreiHandFolder, write_freihand_layout
+
+
+def main() -> None:
+    """Write the folder that the arguments describe."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("root", type=Path, help="folder to write; must not hold training pictures")
+    parser.add_argument("--unique", type=int, default=64, help="training hands, four pictures each")
+    parser.add_argument("--evaluation", type=int, default=32, help="evaluation pictures")
+    parser.add_argument("--without-vertices", action="store_true", help="leave *_verts.json out")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    folder = FreiHandFolder(
+        unique=arguments.unique,
+        evaluation=arguments.evaluation,
+        with_vertices=not arguments.without_vertices,
+        seed=arguments.seed,
+    )
+    write_freihand_layout(arguments.root, folder)
+
+
+if __name__ == "__main__":
+    main()
