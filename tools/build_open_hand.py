@@ -58,7 +58,7 @@ def strongest_four(
 ) -> Float[np.ndarray, "vertex joint=16"]:
     """Rows with four influences at most, summing to one."""
     weakest = np.sort(weights, axis=1)[:, -4, None]
-    kept = np.where((weights < weakest) | (weights < 1e-3), 0.0, weights)
+    kept = np.where((weights < weakest) | (weights < 5e-3), 0.0, weights)
     return np.asarray(kept / kept.sum(axis=1, keepdims=True))
 
 
@@ -88,7 +88,7 @@ def save(arrays: dict[str, np.ndarray], path: Path) -> None:
         # A grid of about a micrometre: the file is half as large for it.
         small[name] = (np.round(arrays[name] * GRID) / GRID).astype(np.float32)
     temporary = path.with_suffix(".tmp.npz")
-    np.savez_compressed(temporary, **small)
+    np.savez_compressed(temporary, allow_pickle=False, **small)
     os.replace(temporary, path)
     sys.stdout.write(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB\n")
 

@@ -5,7 +5,7 @@ Flat-shaded with matplotlib, faces sorted by depth: slow, small and the same eve
 
 import argparse
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from jaxtyping import Float
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 from PIL import Image
 from torch import Tensor
 
@@ -35,16 +36,16 @@ SHAPE_NAMES = (
 )  # fmt: skip
 
 OPPOSITION = {
-    "index": {"thumb CMC": (30, -19), "thumb MCP": (8, 0), "thumb IP": (-13, 0),
-              "index MCP": (19, -22), "index PIP": (66, 0), "index DIP": (51, 0)},
-    "middle": {"thumb CMC": (31, 7), "thumb MCP": (3, 0), "thumb IP": (-9, 0),
-               "middle MCP": (59, -22), "middle PIP": (49, 0), "middle DIP": (17, 0)},
-    "ring": {"thumb CMC": (29, -9), "thumb MCP": (54, 0), "thumb IP": (54, 0),
-             "ring MCP": (81, 7), "ring PIP": (99, 0), "ring DIP": (80, 0)},
-    "little": {"thumb CMC": (32, 12), "thumb MCP": (38, 0), "thumb IP": (-12, 0),
-               "little MCP": (55, -23), "little PIP": (46, 0), "little DIP": (3, 0)},
-    "little's base": {"thumb CMC": (33, -30), "thumb MCP": (55, 0), "thumb IP": (9, 0),
-                      "little MCP": (44, 14), "little PIP": (2, 0), "little DIP": (2, 0)},
+    "index": {"thumb CMC": (18, 0), "thumb MCP": (13, 0), "thumb IP": (-13, 0),
+              "index MCP": (55, -22), "index PIP": (43, 0), "index DIP": (24, 0)},
+    "middle": {"thumb CMC": (31, 7), "thumb MCP": (8, 0), "thumb IP": (-13, 0),
+               "middle MCP": (56, -22), "middle PIP": (55, 0), "middle DIP": (14, 0)},
+    "ring": {"thumb CMC": (31, 11), "thumb MCP": (30, 0), "thumb IP": (-14, 0),
+             "ring MCP": (48, -32), "ring PIP": (68, 0), "ring DIP": (3, 0)},
+    "little": {"thumb CMC": (32, 12), "thumb MCP": (53, 0), "thumb IP": (-14, 0),
+               "little MCP": (39, -54), "little PIP": (84, 0), "little DIP": (1, 0)},
+    "little's base": {"thumb CMC": (33, -12), "thumb MCP": (54, 0), "thumb IP": (16, 0),
+                      "little MCP": (59, -3), "little PIP": (3, 0), "little DIP": (2, 0)},
 }  # fmt: skip
 """Poses of Kapandji's test, degrees, found by the search in `tests/hand/test_thumb.py`."""
 
@@ -72,7 +73,9 @@ SIDE = _view("thumb side", (0, 0, 1))
 OBLIQUE = _view("oblique", (-0.3, -0.6, 0.7))
 
 
-def pose(hand: HandModel, degrees: dict[str, Sequence[float]]) -> Float[Tensor, "joint=15 axis=3"]:
+def pose(
+    hand: HandModel, degrees: Mapping[str, Sequence[float]]
+) -> Float[Tensor, "joint=15 axis=3"]:
     """Joint angles with the named joints at the given bend, splay and twist."""
     angles = hand.neutral_angles()
     for joint, values in degrees.items():
@@ -119,7 +122,10 @@ def rest_sheet(hand: HandModel, path: Path) -> None:
         "rest": hand.rest_angles,
         "neutral: all angles zero": hand.neutral_angles(),
         "MCP 80°": pose(hand, {f"{f} MCP": (80,) for f in fingers}),
-        "fist": pose(hand, {f"{f} {j}": (b,) for f in fingers for j, b in (("MCP", 80), ("PIP", 95), ("DIP", 55))}),
+        "fist": pose(
+            hand,
+            {f"{f} {j}": (b,) for f in fingers for j, b in (("MCP", 80), ("PIP", 95), ("DIP", 55))},
+        ),
     }
     figure, axes = plt.subplots(len(poses), 4, figsize=(8, 2.2 * len(poses)))
     sets = {"#1f5fbf": hand, "#c02020": open_hand("mano")}
@@ -159,7 +165,9 @@ def joint_sheet(hand: HandModel, path: Path) -> None:
     for axis in axes.flat:
         axis.axis("off")
     for place, (joint, angle) in enumerate(free):
-        view = PALM if ARTICULATED[joint].startswith("thumb") and angle == 0 else (SIDE, BACK)[angle]
+        view = (
+            PALM if ARTICULATED[joint].startswith("thumb") and angle == 0 else (SIDE, BACK)[angle]
+        )
         for end, bound in enumerate((ranges.lower, ranges.upper)):
             angles = hand.neutral_angles()
             angles[joint, angle] = bound[joint, angle]
@@ -180,13 +188,13 @@ def opposition_sheet(hand: HandModel, path: Path) -> None:
     _save(figure, path)
 
 
-def _save(figure: plt.Figure, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     figure.tight_layout(pad=0.3)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=90)
     plt.close(figure)
     # Few colours: the sheets stay small enough for the repository.
-    Image.open(buffer).convert("RGB").quantize(48).save(path, optimize=True)
+    Image.open(buffer).convert("RGB").quantize(96).save(path, optimize=True)
 
 
 def main() -> None:

@@ -54,6 +54,7 @@ print("user, folders, native libraries and torch.compile:", torch.__version__, c
   buildah inspect --format \
     'user {{.OCIv1.Config.User}}, entry point {{.OCIv1.Config.Entrypoint}}, volumes {{.OCIv1.Config.Volumes}}' \
     "$image"
+  echo
 }
 
 buildah inspect --type image "$base" > /dev/null 2>&1 || make_base
@@ -63,7 +64,7 @@ containers+=("$container")
 check_image
 arguments=("$@")
 [ $# -gt 0 ] || arguments=(+experiment=smoke)
-read -r -a entrypoint < <(buildah inspect --format '{{join .OCIv1.Config.Entrypoint " "}}' "$image")
+read -r -a entrypoint <<< "$(buildah inspect --format '{{range .OCIv1.Config.Entrypoint}}{{.}} {{end}}' "$image")"
 run_in_image "${entrypoint[@]}" "${arguments[@]}"
 run_in_image find /workspace -maxdepth 4 -name metrics.json
 echo "Proved: the Dockerfile builds, and the image trains."

@@ -116,17 +116,15 @@ def _cost(
 ) -> tuple[Tensor, Tensor]:
     hand = model(angles, torch.zeros(10))
     thumb = hand.vertices[spots.vertex["thumb pad"]]
-    gaps, facing = [], []
     normal = _normal(hand.vertices, model.faces, spots.vertex["thumb pad"])
     # A thumb that meets two fingers lies between them.
     ends = [hand.vertices[spots.vertex[target]] for target in targets]
     normals = [_normal(hand.vertices, model.faces, spots.vertex[target]) for target in targets]
     centre, mean = torch.stack(ends).mean(0), torch.stack(normals).mean(0)
-    for end in ends:
-        gaps.append((end - centre).square().sum() * 0.3)
+    together = torch.stack(ends).sub(centre).square().sum() * 0.3
     gap = (thumb - centre - 0.0005 * mean).square().sum()
     facing = (0.8 + (normal * mean).sum()).clamp(min=0)
-    return gap + sum(gaps) + 6e-5 * facing, (thumb - centre).norm()
+    return gap + together + 6e-5 * facing, (thumb - centre).norm()
 
 
 def _normal(vertices: Tensor, faces: Tensor, vertex: int) -> Tensor:

@@ -63,7 +63,7 @@ def load_ranges(
             the hand's rest pose was not given.
     """
     path = table_path(name_or_path)
-    table = OmegaConf.to_container(OmegaConf.load(path))
+    table: Any = OmegaConf.to_container(OmegaConf.load(path))
     if not isinstance(table, dict) or not isinstance(table.get("joints"), dict):
         raise ValueError(
             f"{path} has no `joints:` section; tables/literature.yaml beside this module shows the form."

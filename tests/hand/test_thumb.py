@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import ARTICULATED, JOINTS, LANDMARKS
 from hand_recon.knowledge.ranges import load_ranges
@@ -50,29 +49,25 @@ def _skin_near(joint: str, distal: float, palmar: float) -> int:
     return int((HAND.template - target).norm(dim=-1).argmin())
 
 
-def _normals(hand: HandModel, vertices: Tensor) -> Tensor:
-    corners = vertices[..., hand.faces, :]
-    face = torch.linalg.cross(
-        corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
-    )
-    total = torch.zeros_like(vertices)
-    for corner in range(3):
-        total = total.index_add(-2, hand.faces[:, corner], face)
-    return torch.nn.functional.normalize(total, dim=-1)
+def _normal(vertices: Tensor, vertex: int) -> Tensor:
+    """Outward, from the triangles around one vertex."""
+    corners = vertices[..., HAND.faces[(HAND.faces == vertex).any(dim=-1)], :]
+    first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    return torch.nn.functional.normalize(torch.linalg.cross(first, second).sum(dim=-2), dim=-1)
 
 
 def _reach(
-    target: int, helper: str | None, max_bend: float = math.pi, face: float = 0.010
+    target: int, partner: str | None, max_bend: float = math.pi, face: float = 0.010
 ) -> Search:
-    """Bring the thumb's pad as near to a vertex as the ranges allow, with one finger to help.
+    """Bring the thumb's pad as near to a vertex as the ranges allow, with one finger to meet it.
 
     Args:
         target: The vertex to touch.
-        helper: The finger that may move besides the thumb.
-        max_bend: How far the helping finger may bend at any joint, radians.
+        partner: The finger that may move besides the thumb.
+        max_bend: How far that finger may bend at any joint, radians.
         face: Weight of the pads' facing each other, metres.
     """
-    free = torch.tensor([name.split()[0] in ("thumb", helper) for name in ARTICULATED])[:, None]
+    free = torch.tensor([name.split()[0] in ("thumb", partner) for name in ARTICULATED])[:, None]
     upper = torch.where(
         torch.tensor([name.startswith("thumb") for name in ARTICULATED])[:, None],
         RANGES.upper, RANGES.upper.clamp(max=max_bend),
@@ -85,8 +80,7 @@ def _reach(
         angles = (RANGES.lower + (upper - RANGES.lower) * raw.sigmoid()) * free
         vertices = HAND(angles, torch.zeros(6, 10)).vertices
         distance = (vertices[:, thumb] - vertices[:, target]).norm(dim=-1)
-        normals = _normals(HAND, vertices)
-        facing = (normals[:, thumb] * normals[:, target]).sum(dim=-1)
+        facing = (_normal(vertices, thumb) * _normal(vertices, target)).sum(dim=-1)
         effort = angles.square().sum(dim=(-2, -1))
         optimizer.zero_grad()
         cost = distance + face * facing + 0.0003 * effort

@@ -34,7 +34,10 @@ class _Collapser:
     """The mesh while it shrinks."""
 
     def __init__(
-        self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], pinned: set[int]
+        self,
+        vertices: Float[np.ndarray, "vertex 3"],
+        faces: Int[np.ndarray, "face 3"],
+        pinned: set[int],
     ) -> None:
         self.points = vertices.copy()
         self.pinned = pinned
@@ -76,7 +79,9 @@ class _Collapser:
 
     def neighbours(self, vertex: int) -> set[int]:
         """All vertices that share a triangle with this one."""
-        return {corner for face in self.incident[vertex] for corner in self.triangles[face]} - {vertex}
+        return {corner for face in self.incident[vertex] for corner in self.triangles[face]} - {
+            vertex
+        }
 
     def candidate(self, a: int, b: int) -> tuple[float, int, int, tuple[float, ...]] | None:
         """Cost of the best collapse of an edge, what stays, what goes, and where; None if forbidden."""
@@ -106,12 +111,17 @@ class _Collapser:
             return []
         return [np.linalg.solve(quadric[:3, :3], -quadric[:3, 3])]
 
-    def allowed(self, stays: int, goes: int, place: tuple[float, ...]) -> bool:
-        """Whether the mesh stays a manifold and no triangle folds over."""
+    def joined(self, a: int, b: int) -> bool:
+        """Whether there is still an edge between two vertices."""
+        return a in self.incident and b in self.incident and b in self.neighbours(a)
+
+    def allowed(self, stays: int, goes: int, place: tuple[float, ...], boundary_count: int) -> bool:
+        """Whether the mesh stays a manifold, keeps its boundary, and no triangle folds over."""
         shared = self.incident[stays] & self.incident[goes]
         if len(self.neighbours(stays) & self.neighbours(goes)) != len(shared):
             return False
-        if {stays, goes} <= self.boundary and len(shared) != 1:
+        at_the_end = len(self.boundary) <= boundary_count
+        if {stays, goes} <= self.boundary and (len(shared) != 1 or at_the_end):
             return False
         touched = (self.incident[stays] | self.incident[goes]) - shared
         return all(self._keeps_its_side(face, (stays, goes), place) for face in touched)
@@ -159,27 +169,29 @@ def decimate(
     """
     count, boundary_count = counts
     work = _Collapser(vertices, faces, set(pinned))
-    queue = [edge for a in work.incident for b in work.neighbours(a) if a < b and (edge := work.candidate(a, b))]
+    queue = [
+        edge
+        for a in work.incident
+        for b in work.neighbours(a)
+        if a < b and (edge := work.candidate(a, b))
+    ]
     heapq.heapify(queue)
     while len(work.incident) > count:
         if not queue:
             raise ValueError(f"Stuck at {len(work.incident)} vertices, {count} wanted.")
-        cost, stays, goes, place = heapq.heappop(queue)
-        if goes not in work.incident or stays not in work.incident or goes not in work.neighbours(stays):
+        cost, stays, goes, _ = heapq.heappop(queue)
+        current = work.candidate(stays, goes) if work.joined(stays, goes) else None
+        if current is None:
             continue
-        current = work.candidate(stays, goes)
-        if current is None or current[0] > cost + 1e-15:
-            if current is not None:
-                heapq.heappush(queue, current)
+        if current[0] > cost + 1e-15:
+            # The neighbourhood has changed since this collapse was priced.
+            heapq.heappush(queue, current)
             continue
         _, stays, goes, place = current
-        both = {stays, goes} <= work.boundary
-        if (both and len(work.boundary) <= boundary_count) or not work.allowed(stays, goes, place):
-            continue
-        work.collapse(stays, goes, place)
-        for other in sorted(work.neighbours(stays)):
-            edge = work.candidate(stays, other)
-            if edge is not None:
+        if work.allowed(stays, goes, place, boundary_count):
+            work.collapse(stays, goes, place)
+            edges = [work.candidate(stays, other) for other in sorted(work.neighbours(stays))]
+            for edge in filter(None, edges):
                 heapq.heappush(queue, edge)
     return _finish(work, vertices, faces, pinned)
 

@@ -51,8 +51,8 @@ def mano_landmarks(
     for landmark, joint in JOINT_OF_LANDMARK.items():
         if joint == 0:
             continue
-        finger, part = divmod(joint - 1, 3)
-        target = source.rig_joints[SOURCE_ROW[ORDER[finger]]][part]
+        position, part = divmod(joint - 1, 3)
+        target = source.rig_joints[SOURCE_ROW[ORDER[position]]][part]
         ring = _ring(vertices, weights, target, joint, skeleton)
         regressor[landmark, : len(vertices)] = carried_by(vertices, ring, target)
     for position, finger in enumerate(ORDER):

@@ -42,7 +42,11 @@ def _finger_length(finger: str, part: int) -> Float[np.ndarray, " 3"]:
 
 
 def _finger_thickness(finger: str, part: int) -> Float[np.ndarray, " 3"]:
-    return np.zeros(3) if finger == "palm" or (finger, part) == ("thumb", 0) else np.array([0, 0.055, 0.055])
+    return (
+        np.zeros(3)
+        if finger == "palm" or (finger, part) == ("thumb", 0)
+        else np.array([0, 0.055, 0.055])
+    )
 
 
 def _palm_breadth(finger: str, part: int) -> Float[np.ndarray, " 3"]:
@@ -98,7 +102,9 @@ def shape_directions(
     source: SourceHand, skeleton: Skeleton, weights: Float[np.ndarray, "vertex joint=16"]
 ) -> ShapeDirections:
     """The ten directions on the source mesh and its rotation centres."""
-    fields = [_strain_field(source.vertices, skeleton, weights, strain) for strain in STRAINS.values()]
+    fields = [
+        _strain_field(source.vertices, skeleton, weights, strain) for strain in STRAINS.values()
+    ]
     fields = _orthogonal(fields)
     fields.append(_rest_of_the_source(source, skeleton, weights, fields))
     stacked = np.stack(fields, axis=-1)
@@ -126,7 +132,7 @@ def _strain_field(
     offsets = vertices[:, None] - centres
     moved = np.einsum("jxy,vjy->vjx", np.stack(growth), offsets) + shifts
     surface = np.einsum("vj,vjx->vx", weights, moved)
-    return np.concatenate([surface, shifts]) - shifts[ROOT_JOINT]
+    return np.asarray(np.concatenate([surface, shifts]) - shifts[ROOT_JOINT])
 
 
 def _orthogonal(fields: list[Float[np.ndarray, "point 3"]]) -> list[Float[np.ndarray, "point 3"]]:
@@ -135,7 +141,7 @@ def _orthogonal(fields: list[Float[np.ndarray, "point 3"]]) -> list[Float[np.nda
     for field in fields:
         for earlier in result:
             inner = np.vdot(earlier[:-16], field[:-16]) / np.vdot(earlier[:-16], earlier[:-16])
-            field = field - inner * earlier  # noqa: PLW2901
+            field = field - inner * earlier
         result.append(field)
     return result
 

@@ -63,7 +63,7 @@ class Skeleton:
 
 def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
     """The vector at length one."""
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
 def build_skeleton(source: SourceHand) -> Skeleton:
@@ -103,7 +103,11 @@ def _finger_centres(
     dip = dip + DIP_SHIFT[finger] * unit(tip - dip)
     thickness = 1.0 if finger == "middle" else {"index": 0.98, "ring": 0.95, "little": 0.85}[finger]
     centres = []
-    for name, centre, along in (("MCP", mcp, pip - mcp), ("PIP", pip, dip - mcp), ("DIP", dip, tip - pip)):
+    for name, centre, along in (
+        ("MCP", mcp, pip - mcp),
+        ("PIP", pip, dip - mcp),
+        ("DIP", dip, tip - pip),
+    ):
         dorsal = _dorsal_of(along, finger)
         skin = _skin(mesh, centre, dorsal)
         centres.append(skin - thickness * DORSAL_DEPTH[name] * dorsal)
@@ -131,7 +135,10 @@ def _thumb_centres(
     mcp = mcp + THUMB_MCP_SHIFT * unit(ip - mcp)
     nail = trapezium_frame(np.array([1.0, 0.0, 0.0]))[:, 1]
     centred = [cmc]
-    for centre, along, share in ((mcp, ip - cmc, 0.45), (ip, fingertip(source, finger) - mcp, 0.42)):
+    for centre, along, share in (
+        (mcp, ip - cmc, 0.45),
+        (ip, fingertip(source, finger) - mcp, 0.42),
+    ):
         dorsal = unit(nail - nail @ unit(along) * unit(along))
         back, palm = _skin(mesh, centre, dorsal), _skin(mesh, centre, -dorsal)
         side = np.cross(unit(along), dorsal)

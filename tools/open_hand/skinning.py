@@ -41,7 +41,10 @@ def skinning_weights(
         else:
             share = rays[:, position] * (1 - thumb)
             turns = [_turn(vertices, skeleton, first, "MCP")]
-        turns += [_turn(vertices, skeleton, first + 1, "PIP"), _turn(vertices, skeleton, first + 2, "DIP")]
+        turns += [
+            _turn(vertices, skeleton, first + 1, "PIP"),
+            _turn(vertices, skeleton, first + 2, "DIP"),
+        ]
         carried = share * turns[0]
         weights[:, first] = carried * (1 - turns[1])
         weights[:, first + 1] = carried * turns[1] * (1 - turns[2])
@@ -117,7 +120,7 @@ def _ray_shares(
     shares = np.where(fixed, own, shares)
     for _ in range(5):
         shares = np.where(fixed, own, 0.5 * shares + 0.5 * (neighbours @ shares))
-    return shares
+    return np.asarray(shares)
 
 
 def _distance(
@@ -147,7 +150,9 @@ def _thumb_share(source: SourceHand, skeleton: Skeleton) -> Float[np.ndarray, " 
 
 
 def _harmonic(
-    faces: Int[np.ndarray, "face 3"], one: Bool[np.ndarray, " vertex"], zero: Bool[np.ndarray, " vertex"]
+    faces: Int[np.ndarray, "face 3"],
+    one: Bool[np.ndarray, " vertex"],
+    zero: Bool[np.ndarray, " vertex"],
 ) -> Float[np.ndarray, " vertex"]:
     """The smoothest function over the mesh's edges with both sets held."""
     average = _neighbour_average(faces, len(one))

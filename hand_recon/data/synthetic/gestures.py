@@ -22,6 +22,8 @@ _THUMB_ANGLES: Final = (
 )  # fmt: skip
 DIP_FOLLOWS_PIP: Final = 2 / 3
 """Noise on a PIP joint moves its DIP joint by this much: one tendon bends both (Sec. 3.2)."""
+_OVERSTRETCHED: Final = np.radians(-5.0)
+"""Least bend of a PIP or DIP joint in a natural pose."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,11 @@ def sample_pose(
     angles = np.einsum("g,gja->ja", weights, np.stack(chosen))
     if count > 1 and random.random() < 0.2:
         angles = _fingers_apart(random, chosen)
-    return angles + _noise(random, np.radians(noise))
+    angles = angles + _noise(random, np.radians(noise))
+    # Fingers overstretch a little at their hinges, and noise must not make it much.
+    hinges = [i for i, joint in enumerate(ARTICULATED) if joint.endswith(("PIP", "DIP"))]
+    angles[hinges, BEND] = np.maximum(angles[hinges, BEND], _OVERSTRETCHED)
+    return angles
 
 
 def _fingers_apart(

@@ -14,6 +14,9 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import JOINT_OF_LANDMARK
 
+_THINNEST: Final = 0.0075
+"""Metres of flesh over the tips, whose landmarks lie too close to the end to measure it."""
+
 _DEEP: Final = 0.04
 """Metres in front of a joint at which its label is worst."""
 
@@ -45,7 +48,7 @@ def flesh_thickness(landmarks: str) -> Float[np.ndarray, " landmark=21"]:
     for direction in (axes, -axes):
         hits = scene.nearest(points, direction)
         thickness[hits.ray] = np.maximum(thickness[hits.ray], hits.distance)
-    return np.clip(thickness, 0.006, 0.025)
+    return np.clip(thickness, _THINNEST, 0.025)
 
 
 def _across(model: HandModel) -> Float[np.ndarray, "landmark=21 3"]:

@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, UInt8
 
+from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.painter import paint_picture
 from hand_recon.data.synthetic.plausible import deepest_overlap
-from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.rays import RayScene
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.surface import (
@@ -114,22 +114,19 @@ def _sample_hand(
     random = recipe.random(index, "pose")
     spread = recipe.level.shape_deviation * (1.25 if recipe.held_out else 1.0)
     shape = np.clip(recipe.random(index, "shape").normal(scale=spread, size=10), -3, 3)
-    best: tuple[float, Float[np.ndarray, "joint=15 axis=3"], HandGeometry] | None = None
+    model, least = _model(recipe.landmarks), np.inf
     for _ in range(_TRIES):
-        angles = recipe.level.pose_scale * sample_pose(
+        tried = recipe.level.pose_scale * sample_pose(
             random, held_out=recipe.held_out, noise=recipe.level.pose_noise
         )
         with torch.no_grad():
-            hand = _model(recipe.landmarks)(
-                torch.from_numpy(angles).float(), torch.from_numpy(shape).float()
-            )
+            hand = model(torch.from_numpy(tried).float(), torch.from_numpy(shape).float())
         overlap = deepest_overlap(hand.landmarks.numpy())
-        if best is None or overlap < best[0]:
-            best = overlap, angles, hand
+        if overlap < least:
+            least, angles, geometry = overlap, tried, hand
         if overlap < _MOST_OVERLAP:
             break
-    assert best is not None
-    return best[1], shape, best[2]
+    return angles, shape, geometry
 
 
 def scene_surfaces(

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 import cv2
 import numpy as np
@@ -38,6 +38,10 @@ COLUMNS: Final[tuple[str, ...]] = (
     "joint_angles", "shape", "root_rotation", "translation",
 )  # fmt: skip
 """What is stored of each picture besides its pixels; names as in `SyntheticHand`."""
+
+
+_NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py", "freihand_layout.py"})
+"""Modules that no picture depends on."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,13 @@ class _Chunk:
 def fingerprint(recipe: Recipe, size: int) -> str:
     """Ten hex digits that change with the recipe, the renderer, the gestures and the hand."""
     digest = hashlib.sha256(json.dumps([asdict(recipe), size], sort_keys=True).encode())
-    package = files("hand_recon.data.synthetic")
-    own = sorted(
-        (entry for entry in package.iterdir() if entry.name.endswith((".py", ".yaml"))
-        if entry.name not in {"dataset.py", "picture_store.py", "freihand_layout.py"}
-    )  # fmt: skip
-    for entry in (*own, files("hand_recon.hand") / ASSET):
-        digest.update(entry.read_bytes())
+    own = files("hand_recon.data.synthetic")
+    names = sorted(entry.name for entry in own.iterdir())
+    for name in names:
+        if name.endswith((".py", ".yaml")) and name not in _NOT_SEEN:
+            digest.update((own / name).read_bytes())
+    for name in ("model.py", "anatomical_frame.py", ASSET):
+        digest.update((files("hand_recon.hand") / name).read_bytes())
     return digest.hexdigest()[:10]
 
 
@@ -190,9 +194,13 @@ def _render_chunk(chunk: _Chunk) -> int:
     images.flush()
     unfinished = chunk.path.with_suffix(f".{os.getpid()}")
     with unfinished.open("wb") as stream:
-        np.savez(stream, **{name: _column(hands, name) for name in COLUMNS})
+        _save(stream, {name: _column(hands, name) for name in COLUMNS})
     unfinished.rename(chunk.path)
     return chunk.stop - chunk.start
+
+
+def _save(stream: BinaryIO, columns: dict[str, np.ndarray]) -> None:
+    np.savez(stream, allow_pickle=False, **columns)
 
 
 def _column(hands: list[SyntheticHand], name: str) -> np.ndarray:
@@ -208,7 +216,8 @@ def _finish(chunks: list[_Chunk], recipe: Recipe, work: dict[str, float]) -> Non
         with np.load(chunk.path) as archive:
             pieces.append({name: archive[name] for name in COLUMNS})
     joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in COLUMNS}
-    np.savez(folder / "labels.npz", **joined)
+    with (folder / "labels.npz").open("wb") as stream:
+        _save(stream, joined)
     rate = work["rendered"] / max(work["seconds"], 1e-9)
     manifest = {
         "recipe": asdict(recipe),

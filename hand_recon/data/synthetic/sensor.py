@@ -24,7 +24,7 @@ def develop(
     """
     scale = picture.shape[0] / REFERENCE_SIZE
     balance = np.exp(random.normal(scale=0.04, size=3) + random.normal(scale=0.12))
-    image = np.ascontiguousarray(picture * balance, dtype=np.float32)
+    image: np.ndarray = np.ascontiguousarray(picture * balance, dtype=np.float32)
     blur = random.uniform(0, level.blur) * scale
     if blur > 0.15:
         image = cv2.GaussianBlur(image, (0, 0), blur)

@@ -1,0 +1,71 @@
+"""Overlays: landmarks where they are, and nothing for what is missing."""
+
+import numpy as np
+import torch
+
+from hand_recon.camera import default_intrinsics, project
+from hand_recon.hand.model import HandModel
+from hand_recon.schema import HandBatch, HandParameters, HandPrediction
+from hand_recon.visualization.overlay import COLUMNS, FINGER_COLOURS, draw_landmarks, rows
+
+GREY = np.full((64, 64, 3), 128, dtype=np.uint8)
+
+
+def scene(hand: HandModel) -> tuple[HandBatch, HandPrediction]:
+    """Two grey crops with a hand predicted in the middle of each."""
+    rotation = torch.tensor([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]).expand(2, 3, 3)
+    place = torch.tensor([0.0, 0.0, 0.6]).expand(2, 3)
+    parameters = HandParameters(torch.zeros(2, 15, 3), torch.zeros(2, 10), rotation, place)
+    posed = hand.place(parameters)
+    camera = default_intrinsics(64, place).expand(2, 3, 3)
+    pixels = project(posed.landmarks, camera)
+    labels, labelled = pixels.clone(), torch.ones(2, 21, dtype=torch.bool)
+    labels[1, 4:], labelled[1, 4:] = float("nan"), False
+    batch = HandBatch(
+        torch.full((2, 3, 64, 64), 128, dtype=torch.uint8), labels, labelled,
+        torch.arange(2), ("a", "b"),
+    )  # fmt: skip
+    prediction = HandPrediction(
+        parameters, posed.vertices, posed.joints, posed.landmarks, pixels,
+        torch.zeros(2, 21, 2), camera,
+    )  # fmt: skip
+    return batch, prediction
+
+
+def test_a_landmark_is_drawn_in_its_fingers_colour_at_its_pixel() -> None:
+    landmarks = np.full((21, 2), np.nan)
+    landmarks[8] = 20.5, 40.5
+    drawn = draw_landmarks(GREY, landmarks)
+    assert tuple(drawn[40, 20]) == FINGER_COLOURS[1]
+    rows_changed, columns_changed = np.nonzero((drawn != GREY).any(axis=-1))
+    assert abs(columns_changed.mean() - 20) < 0.5
+    assert abs(rows_changed.mean() - 40) < 0.5
+
+
+def test_missing_landmarks_leave_no_mark() -> None:
+    assert (draw_landmarks(GREY, np.full((21, 2), np.nan)) == GREY).all()
+
+
+def test_landmarks_far_outside_do_no_harm() -> None:
+    landmarks = np.full((21, 2), 1e9)
+    landmarks[0] = 32, 32
+    assert draw_landmarks(GREY, landmarks).shape == GREY.shape
+
+
+def test_the_picture_that_is_drawn_on_stays_as_it_was() -> None:
+    before = GREY.copy()
+    draw_landmarks(GREY, np.full((21, 2), 30.0))
+    assert (before == GREY).all()
+
+
+def test_a_row_has_its_panels_and_the_mesh_covers_the_landmarks(hand: HandModel) -> None:
+    batch, prediction = scene(hand)
+    pictures = rows(batch, prediction, hand.faces, panel=64)
+    assert len(pictures) == 2
+    assert pictures[0].shape == (64, 64 * len(COLUMNS), 3)
+    mesh_panel = pictures[0][:, 128:192]
+    knuckle = prediction.landmarks_2d[0, 9].round().int()
+    assert (mesh_panel[knuckle[1], knuckle[0]] != 128).any()
+    # Unlabelled landmarks are not drawn as labels, though predicted ones are.
+    drawn = [(picture[:, :128] != 128).any(axis=-1).sum() for picture in pictures]
+    assert drawn[1] < drawn[0]
