@@ -1,5 +1,6 @@
 """From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,6 +25,9 @@ TRUSTED: Final = ("hand_recon.", "torch.", "torchvision.", "lightning.", "torchm
 
 CONFIG_KEY: Final = "hand_recon_config"
 """Where a checkpoint keeps the resolved configuration, as plain data."""
+
+HAND_KEY: Final = "hand_recon_hand"
+"""Where a checkpoint keeps the fingerprint of the hand that it was trained with."""
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
@@ -110,7 +114,10 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 
 class ConfigInCheckpoint(lightning.Callback):
-    """Writes the resolved configuration into every checkpoint, so that it can be rebuilt from it."""
+    """Writes the resolved configuration into every checkpoint, so that it can be rebuilt from it.
+
+    With it goes a fingerprint of the hand: the same weights on another hand are another model.
+    """
 
     def __init__(self, config: dict[str, Any]) -> None:
         super().__init__()
@@ -122,8 +129,18 @@ class ConfigInCheckpoint(lightning.Callback):
         pl_module: lightning.LightningModule,
         checkpoint: dict[str, Any],
     ) -> None:
-        """Add the configuration."""
+        """Add the configuration and the fingerprint."""
         checkpoint[CONFIG_KEY] = self.config
+        checkpoint[HAND_KEY] = fingerprint(pl_module.reconstructor.hand)  # type: ignore[union-attr, arg-type]
+
+
+def fingerprint(hand: HandModel) -> str:
+    """What tells one hand's asset from another: a digest of everything but its landmark set."""
+    digest = hashlib.sha256()
+    for name, buffer in sorted(hand.named_buffers()):
+        if name != "landmark_regressor":
+            digest.update(buffer.detach().cpu().contiguous().numpy().tobytes())
+    return f"{hand.name} {digest.hexdigest()[:16]}"
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
@@ -161,6 +178,9 @@ def load_module(
         path: Checkpoint, or folder of a run.
         landmarks: Landmark set to predict in place of the one that was trained, for data whose
             annotators put the landmarks elsewhere: the hand is the same.
+
+    Raises:
+        ValueError: The checkpoint was trained with another version of the hand.
     """
     checkpoint, config = read_checkpoint(path)
     if landmarks is not None:
@@ -168,5 +188,12 @@ def load_module(
     # The weights are in the checkpoint: nothing may be downloaded for them again.
     config.model.encoder.weights = "none"
     module = build_module(config)
+    hand = fingerprint(module.reconstructor.hand)
+    if hand != checkpoint[HAND_KEY]:
+        raise ValueError(
+            f"{path} was trained with the hand {checkpoint[HAND_KEY]!r}, but this version has {hand!r}. Its "
+            "angles and shapes mean something else here: use the version that it was trained with, or "
+            "train again."
+        )
     module.load_state_dict(checkpoint["state_dict"], strict=True)
     return module.eval(), config

@@ -12,7 +12,7 @@ import lightning
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon.configuration import CONF, build_data, instantiate, load_module, set_threads
-from hand_recon.progress import somebody_watches
+from hand_recon.progress import quiet_libraries, somebody_watches
 from hand_recon.results import Run, finish_run
 
 
@@ -33,6 +33,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
             "Which checkpoint? Give ckpt=<file or folder of a run>, "
             "for example ckpt=outputs/train/<time>."
         )
+    quiet_libraries()
     set_threads(config.threads)
     other_data = config.get("data") is not None
     module, trained = load_module(config.ckpt, config.data.landmarks if other_data else None)

@@ -3,6 +3,7 @@
 import logging
 import sys
 import time
+import warnings
 
 import lightning
 from lightning.pytorch.callbacks import RichProgressBar
@@ -15,6 +16,13 @@ _LINES_PER_RUN = 40
 def somebody_watches() -> bool:
     """Whether the output goes to a terminal."""
     return sys.stderr.isatty()
+
+
+def quiet_libraries() -> None:
+    """Leave out what the libraries say of themselves: their advertisements, and their own deprecations."""
+    for name in ("lightning.pytorch.utilities.rank_zero", "lightning.pytorch.accelerators.cuda"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", message=r".*treespec, LeafSpec", module="lightning")
 
 
 def progress_callback() -> lightning.Callback:

@@ -5,6 +5,7 @@ Inside: metres, radians, pixels of the crop; right hands; the camera looks along
 `hand_recon.hand.skeleton.LANDMARKS`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -18,21 +19,25 @@ class _TensorRecord:
 
     def to(self, *args: object, **kwargs: object) -> Self:
         """The same record with every tensor moved by `Tensor.to`."""
-        moved = {
-            field.name: getattr(self, field.name).to(*args, **kwargs)
-            for field in fields(self)  # type: ignore[arg-type]  # every subclass is a dataclass
-            if isinstance(getattr(self, field.name), Tensor)
-        }
-        return replace(self, **moved)  # type: ignore[type-var]
+        return self._map(lambda tensor: tensor.to(*args, **kwargs))  # type: ignore[call-overload]
+
+    def pin_memory(self) -> Self:
+        """The same record in page-locked memory, as a loader asks for before a copy to a GPU."""
+        return self._map(Tensor.pin_memory)
 
     def detach(self) -> Self:
         """The same record outside the graph."""
-        detached = {
-            field.name: getattr(self, field.name).detach()
-            for field in fields(self)  # type: ignore[arg-type]
-            if isinstance(getattr(self, field.name), Tensor)
-        }
-        return replace(self, **detached)  # type: ignore[type-var]
+        return self._map(Tensor.detach)
+
+    def _map(self, change: Callable[[Tensor], Tensor]) -> Self:
+        changed: dict[str, object] = {}
+        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
+            value = getattr(self, field.name)
+            if isinstance(value, Tensor):
+                changed[field.name] = change(value)
+            elif isinstance(value, _TensorRecord):
+                changed[field.name] = value._map(change)
+        return replace(self, **changed)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)
@@ -141,14 +146,6 @@ class HandPrediction(_TensorRecord):
     """log σ of each coordinate, σ in pixels of a 224-pixel crop (Sec. 3.3)."""
     intrinsics: Float[Tensor, "*batch 3 3"]
     """The camera matrix used for the projection, pixels of the crop."""
-
-    def to(self, *args: object, **kwargs: object) -> Self:
-        """The same record with every tensor moved, the parameters' too."""
-        return replace(super().to(*args, **kwargs), parameters=self.parameters.to(*args, **kwargs))
-
-    def detach(self) -> Self:
-        """The same record outside the graph, the parameters too."""
-        return replace(super().detach(), parameters=self.parameters.detach())
 
 
 def collate(samples: list[HandSample]) -> HandBatch:

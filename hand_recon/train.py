@@ -25,7 +25,7 @@ from hand_recon.configuration import (
     read_checkpoint,
     set_threads,
 )
-from hand_recon.progress import progress_callback, somebody_watches
+from hand_recon.progress import progress_callback, quiet_libraries, somebody_watches
 from hand_recon.results import Run, finish_run
 
 logger = logging.getLogger(__name__)
@@ -44,6 +44,7 @@ def train(config: DictConfig) -> dict[str, Any]:
         What `metrics.json` holds.
     """
     lightning.seed_everything(config.seed, workers=True, verbose=False)
+    quiet_libraries()
     threads = set_threads(config.threads)
     folder = Path(config.paths.run).absolute()
     folder.mkdir(parents=True, exist_ok=True)

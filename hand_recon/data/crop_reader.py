@@ -1,6 +1,6 @@
 """From image files to crops: decoded at every step, or once into a map of bytes on the disk.
 
-The map makes reading some twenty times faster than decoding. It holds crops, not images, so that
+The map makes reading some ten times faster than decoding. It holds crops, not images, so that
 small crops make a small map: 130,240 crops take 3.6 GB at 96 pixels and 19.6 GB at 224.
 """
 

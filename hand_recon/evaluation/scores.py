@@ -60,6 +60,8 @@ class HandPoints:
         return type(self)(landmarks=self.landmarks.detach().cpu().double(), vertices=vertices)
 
 
+# A trainer's mixed precision must not reach in here: its matrix products have three digits.
+@torch.autocast("cpu", enabled=False)
 def landmark_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
     """The columns of `LANDMARK_SCORES`.
 
@@ -76,6 +78,8 @@ def landmark_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, 
     return torch.cat([aligned, wrist_relative.mean(dim=-1, keepdim=True)], dim=-1)
 
 
+# A trainer's mixed precision must not reach in here: its matrix products have three digits.
+@torch.autocast("cpu", enabled=False)
 def vertex_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
     """The columns of `VERTEX_SCORES`.
 

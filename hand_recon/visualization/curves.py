@@ -1,6 +1,7 @@
 """Learning curves from a run's CSV log."""
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
@@ -30,28 +31,44 @@ def draw_curves(log: Path, target: Path) -> list[str]:
     """
     series = read_log(log)
     panels = [
-        ("Loss", [name for name in ("train/loss", "val/loss") if name in series], True),
-        ("Data term and weighted prior (training)",
-         [name for name in series if name == "train/data" or name.startswith("train/weighted/")],
-         True),
-        ("Scores on the validation hands, mm",
-         [name for name in ("val/E_J", "val/E_V") if name in series], False),
-        ("2D error on the validation hands, pixels of a 224-pixel crop",
-         [name for name in ("val/E_2D",) if name in series], False),
-    ]  # fmt: skip
-    panels = [panel for panel in panels if panel[1]]
+        _Panel("Loss", _present(series, "train/loss", "val/loss"), logarithmic=True),
+        _Panel(
+            "Data term and weighted prior (training)",
+            _present(series, "train/data")
+            + [name for name in series if name.startswith("train/weighted/")],
+            logarithmic=True,
+        ),
+        _Panel("Scores on the validation hands, mm", _present(series, "val/E_J", "val/E_V")),
+        _Panel("2D error, pixels of a 224-pixel crop", _present(series, "val/E_2D")),
+    ]
+    panels = [panel for panel in panels if panel.names]
     # An Agg canvas of its own: no display, and no global state of pyplot.
     mpl.use("agg", force=False)
     figure = Figure(figsize=(10, 3.2 * ((len(panels) + 1) // 2)), layout="constrained")
-    for position, (title, names, logarithmic) in enumerate(panels, start=1):
+    for position, panel in enumerate(panels, start=1):
         axes = figure.add_subplot((len(panels) + 1) // 2, 2, position)
-        for name in names:
+        for name in panel.names:
             epochs, values = zip(*series[name], strict=True)
             axes.plot(epochs, values, marker=".", label=name)
-        axes.set(title=title, xlabel="epoch")
-        if logarithmic and all(value > 0 for name in names for _, value in series[name]):
+        axes.set(title=panel.title, xlabel="epoch")
+        if panel.logarithmic and all(
+            value > 0 for name in panel.names for _, value in series[name]
+        ):
             axes.set_yscale("log")
         axes.grid(visible=True, alpha=0.3)
         axes.legend(fontsize=8)
     figure.savefig(target, dpi=100)
-    return [name for _, names, _ in panels for name in names]
+    return [name for panel in panels for name in panel.names]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One set of axes."""
+
+    title: str
+    names: list[str]
+    logarithmic: bool = False
+
+
+def _present(series: dict[str, list[tuple[float, float]]], *names: str) -> list[str]:
+    return [name for name in names if name in series]

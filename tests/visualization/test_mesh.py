@@ -22,7 +22,7 @@ def test_a_ball_covers_the_disc_that_it_projects_to() -> None:
 def test_what_the_mesh_does_not_cover_keeps_the_background() -> None:
     ball = trimesh.creation.icosphere(radius=0.02)
     background = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    shaded = shade(ball.vertices + [0, 0, 0.6], ball.faces, INTRINSICS, 64)
+    shaded = shade(ball.vertices + np.array([0, 0, 0.6]), ball.faces, INTRINSICS, 64)
     over = shaded.over(background)
     outside = shaded.coverage[..., 0] == 0
     assert (over[outside] == background[outside]).all()
@@ -31,7 +31,7 @@ def test_what_the_mesh_does_not_cover_keeps_the_background() -> None:
 
 def test_from_the_side_depth_becomes_width() -> None:
     box = trimesh.creation.box(extents=(0.02, 0.05, 0.2))
-    picture = from_the_side(np.asarray(box.vertices) + [0, 0, 0.6], box.faces, 64)
+    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
     rows, columns = np.nonzero((picture < 255).any(axis=-1))
     assert np.ptp(columns) > 3 * np.ptp(rows)
     assert 50 < np.ptp(columns) <= 64
