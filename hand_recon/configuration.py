@@ -26,8 +26,24 @@ TRUSTED: Final = ("hand_recon.", "torch.", "torchvision.", "lightning.", "torchm
 CONFIG_KEY: Final = "hand_recon_config"
 """Where a checkpoint keeps the resolved configuration, as plain data."""
 
+LONGEST_NAME: Final = 200
+"""Bytes of a folder's name; common file systems allow 255."""
+
 HAND_KEY: Final = "hand_recon_hand"
 """Where a checkpoint keeps the fingerprint of the hand that it was trained with."""
+
+
+def folder_name(overrides: str) -> str:
+    """A run's overrides as the name of its folder; what file systems find too long ends in a digest."""
+    name = overrides.replace("/", "-")
+    if len(name.encode()) <= LONGEST_NAME:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{digest}"
+
+
+# Used by the sweeps in conf/train.yaml and conf/evaluate.yaml.
+OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
@@ -39,7 +55,10 @@ def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: AN
     if config is None:
         return None
     _refuse_strangers(OmegaConf.to_container(config, resolve=False))
-    return hydra.utils.instantiate(config, **arguments)
+    if not arguments:
+        return hydra.utils.instantiate(config)
+    # Given to Hydra, a dataclass among the arguments would come out as a configuration.
+    return hydra.utils.instantiate(config, _partial_=True)(**arguments)
 
 
 def _refuse_strangers(node: object) -> None:

@@ -44,8 +44,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
         trained.paths, trained.report, trained.name = config.paths, config.report, config.name
         if other_data:
             trained.data = config.data
-        # The checkpoint's data were cached where it was trained; the cache of this machine counts.
-        trained.data.cache_dir = config.paths.cache
+        _move_cache(trained.data, config.paths.cache)
     data = build_data(trained)
     run = Run(trained, folder, module, data, {"checkpoint": str(config.ckpt)})
     trainer = instantiate(
@@ -55,6 +54,15 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
         enable_progress_bar=somebody_watches(),
     )
     return finish_run(run, trainer)
+
+
+def _move_cache(node: DictConfig, folder: str) -> None:
+    """Let the data use this machine's cache: the checkpoint knows the one where it was trained."""
+    for key in list(node):
+        if key == "cache_dir":
+            node[key] = folder
+        elif isinstance(node._get_node(key), DictConfig):
+            _move_cache(node[key], folder)
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate")

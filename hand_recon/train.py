@@ -51,21 +51,16 @@ def train(config: DictConfig) -> dict[str, Any]:
     resume = _checkpoint_to_resume(config)
     data, module = build_data(config), build_module(config)
     parameters = sum(parameter.numel() for parameter in module.parameters())
-    logger.info(
-        "%s: %.1f M parameters, %d threads, in %s", config.name, parameters / 1e6, threads, folder
-    )
+    logger.info("%s: %.1f M parameters, %d threads", config.name, parameters / 1e6, threads)
+    logger.info("If it is interrupted, the same command with resume=%s goes on.", folder)
     trainer = build_trainer(config)
     # Data are rendered or decoded before the clock starts, so that the speed is the training's.
     data.setup("fit")
     started = time.monotonic()
     trainer.fit(module, datamodule=data, ckpt_path=resume, weights_only=True)
     seconds = time.monotonic() - started
-    if trainer.interrupted:
-        raise KeyboardInterrupt(
-            f"Stopped by hand; go on with `resume={folder}` and the same settings."
-        )
     images = trainer.global_step * data.batch_size
-    best = Path(trainer.checkpoint_callback.best_model_path)  # type: ignore[union-attr]
+    best = _best_checkpoint(trainer, config)
     module, _ = load_module(best)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     run = Run(
@@ -95,6 +90,22 @@ def build_trainer(config: DictConfig) -> lightning.Trainer:
         enable_progress_bar=somebody_watches(),
     )
     return trainer
+
+
+def _best_checkpoint(trainer: lightning.Trainer, config: DictConfig) -> Path:
+    """Where the best checkpoint is.
+
+    Raises:
+        ValueError: There is none, because nothing was trained.
+    """
+    best = getattr(trainer.checkpoint_callback, "best_model_path", "")
+    if not best:
+        raise ValueError(
+            f"Nothing was trained: {config.resume or 'this run'} is at epoch {trainer.current_epoch} of "
+            f"trainer.max_epochs={config.trainer.max_epochs}. Give more epochs, or score what there is with "
+            "python -m hand_recon.evaluate ckpt=…"
+        )
+    return Path(best)
 
 
 def _checkpoint_to_resume(config: DictConfig) -> str | None:

@@ -32,7 +32,7 @@ def test_unlabelled_landmarks_cost_nothing_even_as_nan() -> None:
     value = SquaredError()(prediction - labels, torch.zeros(21, 2), labelled)
     value.backward()
     assert prediction.grad is not None
-    assert float(value) == pytest.approx(21 * 2 * 9.0)
+    assert value.item() == pytest.approx(21 * 2 * 9.0)
     assert torch.isfinite(prediction.grad).all()
     assert (prediction.grad[5:] == 0).all()
 

@@ -60,8 +60,6 @@ class HandPoints:
         return type(self)(landmarks=self.landmarks.detach().cpu().double(), vertices=vertices)
 
 
-# A trainer's mixed precision must not reach in here: its matrix products have three digits.
-@torch.autocast("cpu", enabled=False)
 def landmark_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
     """The columns of `LANDMARK_SCORES`.
 
@@ -70,16 +68,15 @@ def landmark_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, 
     error.
     """
     truth, prediction = truth.double(), prediction.double()
-    aligned = _aligned_scores(truth.landmarks, prediction.landmarks, _errors_and_area)
-    wrist_relative = point_errors(
-        root_relative(truth.landmarks, truth.landmarks[:, WRIST]),
-        root_relative(prediction.landmarks, prediction.landmarks[:, WRIST]),
-    )
+    with _full_precision():
+        aligned = _aligned_scores(truth.landmarks, prediction.landmarks, _errors_and_area)
+        wrist_relative = point_errors(
+            root_relative(truth.landmarks, truth.landmarks[:, WRIST]),
+            root_relative(prediction.landmarks, prediction.landmarks[:, WRIST]),
+        )
     return torch.cat([aligned, wrist_relative.mean(dim=-1, keepdim=True)], dim=-1)
 
 
-# A trainer's mixed precision must not reach in here: its matrix products have three digits.
-@torch.autocast("cpu", enabled=False)
 def vertex_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
     """The columns of `VERTEX_SCORES`.
 
@@ -91,7 +88,13 @@ def vertex_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "h
     """
     _check_vertices(truth, prediction)
     chunks = zip(_chunks(truth.double()), _chunks(prediction.double()), strict=True)
-    return torch.cat([_vertex_scores(*chunk) for chunk in chunks])
+    with _full_precision():
+        return torch.cat([_vertex_scores(*chunk) for chunk in chunks])
+
+
+def _full_precision() -> torch.autocast:
+    """A trainer's mixed precision must not reach the scores: its matrix products have three digits."""
+    return torch.autocast("cpu", enabled=False)
 
 
 def _vertex_scores(truth: HandPoints, prediction: HandPoints) -> Tensor:

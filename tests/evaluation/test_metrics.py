@@ -241,3 +241,10 @@ def test_two_real_processes_compute_what_one_does(samples: list[list[int]]) -> N
     start_processes(
         _score_on_one_of_two_processes, args=(port, samples), nprocs=2, start_method="spawn"
     )
+
+
+def test_a_trainers_mixed_precision_does_not_reach_the_scores() -> None:
+    truth, prediction = hands(3), hands(3, noise=0.008)
+    expected = measure(prediction, truth).compute()
+    with torch.autocast("cpu", torch.bfloat16):
+        assert measure(prediction, truth).compute() == expected

@@ -1,0 +1,135 @@
+"""The configuration composes, the experiments say what they are, and checkpoints are not trusted."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from hand_recon.configuration import (
+    CONF,
+    CONFIG_KEY,
+    build_data,
+    build_module,
+    fingerprint,
+    folder_name,
+    instantiate,
+    read_checkpoint,
+)
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.open_hand import open_hand
+
+EXPERIMENTS = sorted(path.stem for path in (Path(CONF) / "experiment").glob("*.yaml"))
+
+ROWS = {
+    1: ("mse", 0.0, False, 0.0),
+    2: ("mse", 20_000.0, False, 0.0),
+    3: ("mse", 20_000.0, True, 0.0),
+    4: ("mse", 20_000.0, True, 20_000.0),
+    5: ("mse_then_nll", 20_000.0, True, 20_000.0),
+}
+"""Table 1: data term, λ₁, functional anatomy, λ₂."""
+
+
+def composed(*overrides: str, name: str = "train") -> DictConfig:
+    with initialize_config_dir(CONF, version_base="1.3"):
+        config = compose(name, [*overrides, "paths.run=/nowhere"], return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+    return config
+
+
+def test_the_defaults_are_the_first_run() -> None:
+    config = composed()
+    assert config.data.level == "easy"
+    assert config.crop_size == config.data.crop_size == 64
+    assert config.prior.range_of_motion == 20_000.0
+
+
+@pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
+def test_the_rows_of_table_1_differ_in_prior_and_data_term_alone(
+    row: int, expected: tuple[str, float, bool, float]
+) -> None:
+    default, config = composed(), composed(f"+experiment=ablation_row{row}")
+    prior = config.prior
+    assert HydraConfig.get().runtime.choices["data_term"] == expected[0]
+    assert prior.shape == 10.0
+    assert prior.range_of_motion == expected[1]
+    assert (prior.functional_anatomy, prior.non_penetration) == expected[2:]
+    for group in ("data", "model", "optimizer", "trainer", "hand"):
+        assert config[group] == default[group], group
+
+
+@pytest.mark.parametrize("row", [1, 2])
+def test_the_rows_that_are_there_build(row: int) -> None:
+    build_module(composed(f"+experiment=ablation_row{row}"))
+
+
+@pytest.mark.parametrize("row", [3, 4, 5])
+def test_the_rows_that_are_not_there_yet_say_so(row: int) -> None:
+    with pytest.raises(NotImplementedError, match=r"does not have.*Run with"):
+        build_module(composed(f"+experiment=ablation_row{row}"))
+
+
+def test_the_paper_recipe_has_the_settings_of_section_4_1() -> None:
+    config = composed("recipe=paper", "data=freihand", "data.root=/nowhere")
+    assert config.model.encoder.backbone == "resnet50"
+    assert config.model.encoder.weights == "imagenet"
+    assert (config.crop_size, config.data.batch_size, config.trainer.max_epochs) == (224, 64, 200)
+    assert config.optimizer._target_ == "torch.optim.Adam"
+    assert (config.optimizer.lr, config.optimizer.weight_decay) == (1e-5, 1e-4)
+    assert config.optimizer.schedule is None
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_experiment_composes_and_builds_its_data(experiment: str) -> None:
+    assert build_data(composed(f"+experiment={experiment}")).crop_size == 64
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_the_rows_of_table_1_go_with_freihand_too(row: int) -> None:
+    config = composed(f"+experiment=ablation_row{row}", "data=freihand", "data.root=/nowhere")
+    assert build_data(config).name == "freihand"
+
+
+def test_a_dataset_without_its_folder_is_refused_with_the_cure() -> None:
+    with pytest.raises(ValueError, match=r"data.root=/path.*data/README.md"):
+        build_data(composed("data=freihand"))
+
+
+def test_long_overrides_make_short_names_that_differ() -> None:
+    assert folder_name("+experiment=ablation_row1,seed=2") == "+experiment=ablation_row1,seed=2"
+    long = ",".join(f"some.key{number}=some/value" for number in range(40))
+    names = {folder_name(long), folder_name(long + ",seed=1"), folder_name(long + ",seed=2")}
+    assert len(names) == 3
+    assert all(len(name.encode()) <= 200 and "/" not in name for name in names)
+
+
+def test_a_target_from_elsewhere_is_not_called() -> None:
+    config = OmegaConf.create({"outer": [{"_target_": "os.system", "command": "true"}]})
+    with pytest.raises(ValueError, match=r"'os.system'"):
+        instantiate(config)
+
+
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+    torch.save({"state_dict": {}}, tmp_path / "other.ckpt")
+    with pytest.raises(ValueError, match="no configuration of hand_recon"):
+        read_checkpoint(tmp_path / "other.ckpt")
+
+
+def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"best\.ckpt"):
+        read_checkpoint(tmp_path)
+
+
+def test_a_checkpoint_gives_its_configuration_back(tmp_path: Path) -> None:
+    torch.save({"state_dict": {}, CONFIG_KEY: {"seed": 7}}, tmp_path / "a.ckpt")
+    assert read_checkpoint(tmp_path / "a.ckpt")[1].seed == 7
+
+
+def test_the_fingerprint_knows_the_hand_and_not_its_landmarks(hand: HandModel) -> None:
+    assert fingerprint(open_hand("mano")) == fingerprint(hand)
+    changed = open_hand()
+    changed.template[0, 0] += 1e-4
+    assert fingerprint(changed) != fingerprint(hand)
