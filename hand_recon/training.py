@@ -1,5 +1,6 @@
 """Training: the data term and the prior over a reconstructor (Sec. 3.4)."""
 
+import math
 from collections.abc import Callable, Iterable
 
 import lightning
@@ -17,6 +18,27 @@ from hand_recon.schema import HandBatch, HandPrediction
 
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[..., torch.optim.lr_scheduler.LRScheduler]
+
+
+def warmup_cosine(
+    optimizer: torch.optim.Optimizer, total_steps: int, warmup_steps: int = 100
+) -> torch.optim.lr_scheduler.LambdaLR:
+    """A rate that rises linearly, then falls as a cosine to zero at the end.
+
+    The rise is counted in steps, not as a share of the run: a run of few steps must not throw the hand
+    out of the picture with its first ones.
+
+    Args:
+        optimizer: Its rates are the highest that are reached.
+        total_steps: Steps of the run.
+        warmup_steps: Steps of the rise.
+    """
+
+    def factor(step: int) -> float:
+        rise = min(1.0, (step + 1) / warmup_steps)
+        return rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / total_steps)))
+
+    return torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
 
 
 class HandReconstruction(lightning.LightningModule):
