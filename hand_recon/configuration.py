@@ -1,7 +1,9 @@
 """From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
 
+import copy
 import hashlib
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.data.datamodule import HandDataModule
+from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.training import HandReconstruction
@@ -20,11 +23,40 @@ from hand_recon.training import HandReconstruction
 CONF: Final = str(Path(__file__).resolve().parents[1] / "conf")
 """Absolute, because Hydra would look for a package of that name when a console script starts it."""
 
-TRUSTED: Final = ("hand_recon.", "torch.", "torchvision.", "lightning.", "torchmetrics.")
-"""Where `_target_`s may come from: a checkpoint's configuration must not call anything else."""
+TRUSTED: Final = frozenset(
+    {
+        "hand_recon.data.augment.Augmentation",
+        "hand_recon.data.crop.CropPolicy",
+        "hand_recon.data.crop_reader.ReadingPolicy",
+        "hand_recon.data.freihand_datamodule.FreiHandDataModule",
+        "hand_recon.data.synthetic_datamodule.SyntheticDataModule",
+        "hand_recon.hand.open_hand.open_hand",
+        "hand_recon.knowledge.prior.Prior",
+        "hand_recon.reconstructor.ImageEncoder",
+        "hand_recon.reconstructor.Reconstructor",
+        "hand_recon.training.warmup_cosine",
+        "hand_recon.uncertainty.NegativeLogLikelihood",
+        "hand_recon.uncertainty.SquaredError",
+        "lightning.Trainer",
+        "lightning.pytorch.callbacks.LearningRateMonitor",
+        "lightning.pytorch.callbacks.ModelCheckpoint",
+        "lightning.pytorch.loggers.CSVLogger",
+        "lightning.pytorch.loggers.TensorBoardLogger",
+        "lightning.pytorch.loggers.WandbLogger",
+        "torch.optim.Adam",
+        "torch.optim.AdamW",
+        "torch.optim.SGD",
+        "torch.optim.lr_scheduler.OneCycleLR",
+    }
+)
+"""Every `_target_` that may be called, one by one: a checkpoint brings its configuration with it, and even
+torch has functions that run commands."""
 
 CONFIG_KEY: Final = "hand_recon_config"
 """Where a checkpoint keeps the resolved configuration, as plain data."""
+
+MEAN_POSE_KEY: Final = "hand_recon_mean_pose"
+"""Where a checkpoint keeps the mean training hand: `landmarks` and `vertices`, metres, where known."""
 
 LONGEST_NAME: Final = 200
 """Bytes of a folder's name; common file systems allow 255."""
@@ -34,8 +66,12 @@ HAND_KEY: Final = "hand_recon_hand"
 
 
 def folder_name(overrides: str) -> str:
-    """A run's overrides as the name of its folder; what file systems find too long ends in a digest."""
-    name = overrides.replace("/", "-")
+    """A run's overrides as the name of its folder, in characters that a later override may contain.
+
+    `+experiment=ablation_row1,seed=2` becomes `experiment-ablation_row1__seed-2`. What file systems find
+    too long ends in a digest.
+    """
+    name = re.sub(r"[^\w.-]+", "-", overrides.replace(",", "__").replace("+", "")).strip("-")
     if len(name.encode()) <= LONGEST_NAME:
         return name
     digest = hashlib.sha256(name.encode()).hexdigest()[:8]
@@ -47,14 +83,15 @@ OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
-    """Hydra's `instantiate`, for targets of this project and the libraries it is built on.
+    """Hydra's `instantiate`, for the targets in `TRUSTED`.
 
     Raises:
-        ValueError: A `_target_` lies elsewhere.
+        ValueError: A `_target_` is not among them.
     """
     if config is None:
         return None
-    _refuse_strangers(OmegaConf.to_container(config, resolve=False))
+    # Resolved, so that nothing hides behind a reference; missing values are the target's business.
+    _refuse_strangers(OmegaConf.to_container(config, resolve=True))
     if not arguments:
         return hydra.utils.instantiate(config)
     # Given to Hydra, a dataclass among the arguments would come out as a configuration.
@@ -64,17 +101,24 @@ def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: AN
 def _refuse_strangers(node: object) -> None:
     if isinstance(node, Mapping):
         target = node.get("_target_")
-        if target is not None and not str(target).startswith(TRUSTED):
+        if target is not None and target not in TRUSTED:
             raise ValueError(
-                f"The configuration asks to call {target!r}. Only targets under {TRUSTED} are "
-                "called, since a checkpoint from elsewhere may ask for anything; "
-                "wrap what you need in a module of hand_recon."
+                f"The configuration asks to call {target!r}, which is not among the targets that are "
+                "known to be harmless, and a checkpoint from elsewhere may ask for anything. If it is yours, "
+                "add it to TRUSTED in hand_recon/configuration.py."
             )
         for value in node.values():
             _refuse_strangers(value)
     elif isinstance(node, list):
         for value in node:
             _refuse_strangers(value)
+
+
+if not Path(CONF).is_dir():
+    raise ImportError(
+        f"hand_recon is an application: its configuration is expected at {CONF}. Install it from a checkout "
+        "with `make env` or `pip install -e .`, not as a wheel."
+    )
 
 
 def build_hand(config: DictConfig) -> HandModel:
@@ -121,7 +165,9 @@ def set_threads(threads: int | None) -> int:
 
     Without a number, every core that this process may use: more than that is many times slower.
     """
-    count = threads or len(os.sched_getaffinity(0))
+    # Not every system knows affinities; there, all cores are this process's.
+    usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
+    count = threads or len(usable(0))
     torch.set_num_threads(count)
     return count
 
@@ -133,14 +179,16 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 
 class ConfigInCheckpoint(lightning.Callback):
-    """Writes the resolved configuration into every checkpoint, so that it can be rebuilt from it.
+    """Writes into every checkpoint what it takes to rebuild and to judge it.
 
-    With it goes a fingerprint of the hand: the same weights on another hand are another model.
+    The resolved configuration; a fingerprint of the hand, since the same weights on another hand are
+    another model; and the mean training hand, the constant predictor that a model is compared with.
     """
 
-    def __init__(self, config: dict[str, Any]) -> None:
+    def __init__(self, config: dict[str, Any], mean_pose: dict[str, torch.Tensor]) -> None:
         super().__init__()
         self.config = config
+        self.mean_pose = mean_pose
 
     def on_save_checkpoint(
         self,
@@ -148,9 +196,10 @@ class ConfigInCheckpoint(lightning.Callback):
         pl_module: lightning.LightningModule,
         checkpoint: dict[str, Any],
     ) -> None:
-        """Add the configuration and the fingerprint."""
+        """Add the three."""
         checkpoint[CONFIG_KEY] = self.config
         checkpoint[HAND_KEY] = fingerprint(pl_module.reconstructor.hand)  # type: ignore[union-attr, arg-type]
+        checkpoint[MEAN_POSE_KEY] = self.mean_pose
 
 
 def fingerprint(hand: HandModel) -> str:
@@ -205,14 +254,39 @@ def load_module(
     if landmarks is not None:
         config.hand.landmarks = landmarks
     # The weights are in the checkpoint: nothing may be downloaded for them again.
-    config.model.encoder.weights = "none"
-    module = build_module(config)
+    built = copy.deepcopy(config)
+    built.model.encoder.weights = "none"
+    # Nor is the prior needed again, so its table may lie on the machine where it was trained.
+    built.prior.ranges = "literature"
+    module = build_module(built)
     hand = fingerprint(module.reconstructor.hand)
-    if hand != checkpoint[HAND_KEY]:
+    if hand != checkpoint.get(HAND_KEY):
         raise ValueError(
-            f"{path} was trained with the hand {checkpoint[HAND_KEY]!r}, but this version has {hand!r}. Its "
-            "angles and shapes mean something else here: use the version that it was trained with, or "
-            "train again."
+            f"{path} was trained with the hand {checkpoint.get(HAND_KEY)!r}, but this version has "
+            f"{hand!r}. Its angles and shapes mean something else here: use the version that it was "
+            "trained with, or train again."
         )
     module.load_state_dict(checkpoint["state_dict"], strict=True)
     return module.eval(), config
+
+
+def stored_mean_pose(path: str | Path) -> HandPoints | None:
+    """The mean training hand that a checkpoint keeps; see `read_checkpoint`."""
+    points = read_checkpoint(path)[0].get(MEAN_POSE_KEY)
+    return HandPoints(**points) if points else None
+
+
+def claim_folder(path: str | Path) -> Path:
+    """Make a run's folder.
+
+    Raises:
+        FileExistsError: It already holds a run.
+    """
+    folder = Path(path).absolute()
+    if (folder / "metrics.json").exists() or (folder / "checkpoints").exists():
+        raise FileExistsError(
+            f"{folder} already holds a run, and nothing is overwritten. Leave paths.run and hydra.run.dir "
+            "to their defaults, or name another folder."
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -4,15 +4,21 @@ python -m hand_recon.evaluate ckpt=outputs/train/<time>
 python -m hand_recon.evaluate ckpt=… data=freihand data.root=/path/to/FreiHAND_pub_v2
 """
 
-from pathlib import Path
 from typing import Any
 
 import hydra
 import lightning
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from hand_recon.configuration import CONF, build_data, instantiate, load_module, set_threads
-from hand_recon.progress import quiet_libraries, somebody_watches
+from hand_recon.configuration import (
+    CONF,
+    build_data,
+    claim_folder,
+    load_module,
+    set_threads,
+    stored_mean_pose,
+)
+from hand_recon.progress import quiet_libraries
 from hand_recon.results import Run, finish_run
 
 
@@ -38,22 +44,17 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     other_data = config.get("data") is not None
     module, trained = load_module(config.ckpt, config.data.landmarks if other_data else None)
     lightning.seed_everything(trained.seed, workers=True, verbose=False)
-    folder = Path(config.paths.run).absolute()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = claim_folder(config.paths.run)
     with open_dict(trained):
         trained.paths, trained.report, trained.name = config.paths, config.report, config.name
         if other_data:
             trained.data = config.data
         _move_cache(trained.data, config.paths.cache)
-    data = build_data(trained)
-    run = Run(trained, folder, module, data, {"checkpoint": str(config.ckpt)})
-    trainer = instantiate(
-        config.trainer,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=somebody_watches(),
-    )
-    return finish_run(run, trainer)
+        trained.trainer = config.trainer
+    # The constant predictor is of the data that the checkpoint was trained on.
+    mean = None if other_data else stored_mean_pose(config.ckpt)
+    facts = {"checkpoint": str(config.ckpt)}
+    return finish_run(Run(trained, folder, module, build_data(trained), mean, facts))
 
 
 def _move_cache(node: DictConfig, folder: str) -> None:

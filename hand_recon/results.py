@@ -17,10 +17,12 @@ from rich.console import Console
 from rich.table import Table
 
 from hand_recon import __version__
+from hand_recon.configuration import instantiate
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
+from hand_recon.progress import somebody_watches
 from hand_recon.schema import collate
 from hand_recon.training import HandReconstruction
 from hand_recon.visualization.curves import draw_curves
@@ -49,76 +51,76 @@ class Run:
     folder: Path
     module: HandReconstruction
     data: HandDataModule
+    mean_pose: HandPoints | None
+    """The constant predictor to compare with; none where the training data have no 3D."""
     facts: dict[str, Any]
     """What is already known of the run, for `metrics.json`."""
 
 
-def finish_run(run: Run, trainer: lightning.Trainer) -> dict[str, Any]:
+def finish_run(run: Run) -> dict[str, Any]:
     """Test, print the table, and write metrics, pictures and the report.
 
     Returns:
         What `metrics.json` holds.
     """
-    trainer.test(run.module, datamodule=run.data, verbose=False)
-    scores = {
-        name.removeprefix("test/"): float(value)
-        for name, value in trainer.callback_metrics.items()
-        if name.startswith("test/")
-    }
-    baseline = _mean_pose_scores(run.data)
-    metrics = {
+    scores = _test(run)
+    metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
         "landmarks": run.data.landmarks,
         "test_hands": len(run.data.dataset("test")),
         "test": scores,
-        "mean_pose": baseline,
+        "mean_pose": {},
         **run.facts,
         "environment": _environment(),
     }
-    (run.folder / "metrics.json").write_text(json.dumps(metrics, indent=2) + "\n")
-    _print_table(scores, baseline, run.data.name)
+    # At once, and again with the baseline: no later failure may cost the scores.
+    _write_json(run.folder / "metrics.json", metrics)
+    if run.mean_pose is not None:
+        metrics["mean_pose"] = _mean_pose_scores(run.mean_pose, run.data)
+        _write_json(run.folder / "metrics.json", metrics)
+    _print_table(scores, metrics["mean_pose"], run.data.name)
     if "E_V" not in scores:
         logger.warning(
             "%s has no ground-truth vertices of this hand: vertex scores are left out.",
             run.data.name,
         )
-    pictures = _draw_overlays(run)
-    log = run.folder / "csv" / "metrics.csv"
-    curves = run.folder / "curves.png"
-    if log.is_file():
-        draw_curves(log, curves)
-    report = run.folder / "report.html"
-    write_report(
-        Report(
-            title=f"{run.config.name} on {run.data.name}",
-            scores=scores,
-            baseline=baseline or {},
-            facts={key: value for key, value in metrics.items() if not isinstance(value, dict)}
-            | metrics["environment"],
-            overlays=tuple(pictures),
-            curves=curves if curves.is_file() else None,
-            config=OmegaConf.to_yaml(run.config, resolve=True),
-        ),
-        report,
-    )
-    logger.info("Open %s", report)
+    _write_report(run, metrics)
     return metrics
 
 
-def _mean_pose_scores(data: HandDataModule) -> dict[str, float] | None:
-    """What one constant hand would score: the mean of the training hands, for every test picture.
+def mean_pose(data: HandDataModule) -> HandPoints | None:
+    """The mean of the training hands; none where they have no 3D.
 
-    Only the aligned scores mean anything for it. None where the dataset has no 3D.
+    It is for comparison alone: training never sees it.
     """
     truth = data.train_ground_truth(BASELINE_HANDS)
-    if truth is None:
-        return None
-    mean = mean_pose_baseline(HandPoints(*truth))
+    return None if truth is None else mean_pose_baseline(HandPoints(*truth))
+
+
+def _test(run: Run) -> dict[str, float]:
+    """Scores on the test hands, in single precision whatever the training's was."""
+    trainer = instantiate(
+        run.config.trainer,
+        precision="32-true",
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=somebody_watches(),
+    )
+    trainer.test(run.module, datamodule=run.data, verbose=False)
+    return {
+        name.removeprefix("test/"): float(value)
+        for name, value in trainer.callback_metrics.items()
+        if name.startswith("test/")
+    }
+
+
+def _mean_pose_scores(mean: HandPoints, data: HandDataModule) -> dict[str, float]:
+    """What one constant hand scores on every test picture; only aligned scores mean anything for it."""
     metric = HandMetrics()
     for batch in data.test_dataloader():
         if batch.landmarks_3d is None:
-            return None
+            return {}
         vertices = None
         if batch.vertices is not None and mean.vertices is not None:
             vertices = mean.vertices.expand(len(batch), -1, -1)
@@ -127,8 +129,34 @@ def _mean_pose_scores(data: HandDataModule) -> dict[str, float] | None:
             HandPoints(batch.landmarks_3d, None if vertices is None else batch.vertices),
             batch.index,
         )
-    scores = metric.compute()
-    return {name: scores[name] for name in scores if name in ALIGNED}
+    return {name: value for name, value in metric.compute().items() if name in ALIGNED}
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_report(run: Run, metrics: dict[str, Any]) -> None:
+    """Overlays, curves where there is a log, and the page that shows them."""
+    overlays = tuple(_draw_overlays(run))
+    log, curves = run.folder / "csv" / "metrics.csv", run.folder / "curves.png"
+    if log.is_file():
+        draw_curves(log, curves)
+    target = run.folder / "report.html"
+    write_report(
+        Report(
+            title=f"{run.config.name} on {run.data.name}",
+            scores=metrics["test"],
+            baseline=metrics["mean_pose"],
+            facts={key: value for key, value in metrics.items() if not isinstance(value, dict)}
+            | metrics["environment"],
+            overlays=overlays,
+            curves=curves if curves.is_file() else None,
+            config=OmegaConf.to_yaml(run.config, resolve=True),
+        ),
+        target,
+    )
+    logger.info("Open %s", target)
 
 
 @torch.no_grad()
@@ -169,9 +197,7 @@ def _environment() -> dict[str, str]:
     }
 
 
-def _print_table(
-    scores: dict[str, float], baseline: dict[str, float] | None, data_name: str
-) -> None:
+def _print_table(scores: dict[str, float], baseline: dict[str, float], data_name: str) -> None:
     table = Table(title=f"Test hands of {data_name}")
     table.add_column("score")
     table.add_column("this model", justify="right")

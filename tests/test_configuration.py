@@ -1,5 +1,6 @@
 """The configuration composes, the experiments say what they are, and checkpoints are not trusted."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,10 @@ from omegaconf import DictConfig, OmegaConf
 from hand_recon.configuration import (
     CONF,
     CONFIG_KEY,
+    TRUSTED,
     build_data,
     build_module,
+    claim_folder,
     fingerprint,
     folder_name,
     instantiate,
@@ -99,17 +102,38 @@ def test_a_dataset_without_its_folder_is_refused_with_the_cure() -> None:
 
 
 def test_long_overrides_make_short_names_that_differ() -> None:
-    assert folder_name("+experiment=ablation_row1,seed=2") == "+experiment=ablation_row1,seed=2"
+    assert folder_name("+experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
     long = ",".join(f"some.key{number}=some/value" for number in range(40))
     names = {folder_name(long), folder_name(long + ",seed=1"), folder_name(long + ",seed=2")}
     assert len(names) == 3
     assert all(len(name.encode()) <= 200 and "/" not in name for name in names)
 
 
-def test_a_target_from_elsewhere_is_not_called() -> None:
-    config = OmegaConf.create({"outer": [{"_target_": "os.system", "command": "true"}]})
-    with pytest.raises(ValueError, match=r"'os.system'"):
-        instantiate(config)
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"outer": [{"_target_": "os.system", "command": "true"}]},
+        {"_target_": "torch.utils.collect_env.run", "command": "true"},
+        {"part": "${elsewhere}", "elsewhere": {"_target_": "os.system", "command": "true"}},
+    ],
+)
+def test_a_target_from_elsewhere_is_not_called(config: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="not among the targets"):
+        instantiate(OmegaConf.create(config))
+
+
+def test_every_target_of_the_configuration_may_be_called() -> None:
+    texts = [path.read_text() for path in Path(CONF).rglob("*.yaml")]
+    named = {target for text in texts for target in re.findall(r"_target_: (\S+)", text)}
+    assert named <= TRUSTED
+    assert "hand_recon.reconstructor.Reconstructor" in named
+
+
+def test_a_folder_with_a_run_in_it_is_not_written_to(tmp_path: Path) -> None:
+    claim_folder(tmp_path / "new")
+    (tmp_path / "metrics.json").write_text("{}")
+    with pytest.raises(FileExistsError, match="nothing is overwritten"):
+        claim_folder(tmp_path)
 
 
 def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:

@@ -127,3 +127,15 @@ def test_a_large_file_is_refused_unless_it_is_named(tmp_path: Path) -> None:
 def test_the_installed_package_is_this_checkout() -> None:
     assert Path(hand_recon.__file__).resolve().parent == ROOT / "hand_recon"
     assert importlib.metadata.version("hand_recon")
+
+
+def test_the_documents_hold_no_placeholder_and_their_pictures_exist() -> None:
+    for document in [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").glob("*.md"),
+        ROOT / "data" / "README.md",
+    ]:
+        text = document.read_text()
+        assert not re.search(r"FIRST_RUN|TODO|XXX", text), document.name
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", text):
+            assert (document.parent / target).exists(), f"{document.name} links to {target}"

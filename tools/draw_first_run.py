@@ -18,8 +18,8 @@ def main() -> None:
     if len(paths) < 2 * ROWS:
         raise SystemExit(f"{len(paths)} overlays found, {2 * ROWS} wanted: report.images=12.")
     chosen = [paths[position * len(paths) // (2 * ROWS)] for position in range(2 * ROWS)]
-    rows = [cv2.imread(str(path)) for path in chosen]
-    left, right = (np.concatenate(half, axis=0) for half in (rows[:ROWS], rows[ROWS:]))
+    rows = [np.asarray(cv2.imread(str(path))) for path in chosen]
+    left, right = np.concatenate(rows[:ROWS]), np.concatenate(rows[ROWS:])
     gap = np.full((left.shape[0], 24, 3), 255, dtype=np.uint8)
     sheet = np.concatenate([left, gap, right], axis=1)
     small = cv2.resize(sheet, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)

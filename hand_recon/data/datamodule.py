@@ -174,7 +174,7 @@ class HandDataModule(lightning.LightningDataModule):
         return batch.landmarks_3d, batch.vertices
 
     def ground_truth_dataset(self) -> HandDataset:
-        """The training set, with vertices where they can be had."""
+        """The training set, with vertices where they cost nothing to read."""
         return self.dataset("train")
 
     def _loader(

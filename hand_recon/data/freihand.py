@@ -86,8 +86,8 @@ class FreiHand(Dataset[HandSample]):
         Args:
             split: `train`, `val` or `test`.
             recipe: Everything else.
-            with_vertices: Whether to give the surfaces; none for all splits but training, which
-                does not need them.
+            with_vertices: Whether to give the surfaces; by default only those of the test hands: to
+                read those of the training part takes long, and validation can do without.
 
         Raises:
             FileNotFoundError: A file is missing.
@@ -105,7 +105,7 @@ class FreiHand(Dataset[HandSample]):
         self.labels_2d = self.part.projections()
         self._check_projections()
         self._vertices = self._choose_vertices(
-            split != "train" if with_vertices is None else with_vertices
+            split == "test" if with_vertices is None else with_vertices
         )
         self.reader = CropReader(
             self.part,

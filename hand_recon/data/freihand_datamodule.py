@@ -7,7 +7,7 @@ from typing import Any
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule
 from hand_recon.data.freihand import FreiHand, FreiHandRecipe
 
 
@@ -56,7 +56,3 @@ class FreiHandDataModule(HandDataModule):
             augmentation=augmentation,
             seed=seed,
         )
-
-    def ground_truth_dataset(self) -> HandDataset:
-        """The training hands, with their surfaces where they are present."""
-        return FreiHand("train", self.recipe, with_vertices=True)

@@ -138,6 +138,7 @@ def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Pat
     Returns:
         Folder of the annotations and folder of `evaluation/rgb`; None if nothing is annotated.
     """
+    root = root.expanduser().resolve()
     beside = (root, root.with_name(f"{root.name}_eval"), root / "FreiHAND_pub_v2_eval")
     for folder in beside if eval_root is None else (Path(eval_root).expanduser(),):
         if (folder / "evaluation_xyz.json").is_file():
@@ -152,7 +153,8 @@ def follows_mano(
     if vertices.shape[1] != 778:
         return False
     tips = np.asarray(vertices[:100, MANO_TIPS])
-    return bool(np.abs(tips - landmarks[:100, 4::4]).max() < 1e-3)
+    # The median: one badly fitted hand does not make the numbering another.
+    return bool(np.median(np.abs(tips - landmarks[:100, 4::4])) < 1e-3)
 
 
 def _load(

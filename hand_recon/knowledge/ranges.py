@@ -55,7 +55,7 @@ def load_ranges(
     Args:
         name_or_path: `literature`, `paper_release`, or a path to a YAML file of the same form.
         rest_angles: The hand's rest pose from the anatomical neutral, radians. A table whose
-            `reference` is `template` counts from there and is shifted by it; others ignore it.
+            `reference` is `template` counts from there, unless it has a `template` of its own.
 
     Raises:
         FileNotFoundError: There is no such table.
@@ -73,13 +73,24 @@ def load_ranges(
         [[_bounds(path, table, joint, axis) for axis in AXES] for joint in ARTICULATED]
     )
     if _reference(path, table) == "template":
-        if rest_angles is None:
-            raise ValueError(
-                f"{path} counts angles from the hand's template, so `rest_angles` must be given: "
-                "pass the hand model's."
-            )
-        bounds = bounds.to(rest_angles) + rest_angles[..., None]
+        bounds = bounds + _template(path, table, rest_angles)[..., None]
     return RangeOfMotion(lower=bounds[..., 0], upper=bounds[..., 1])
+
+
+def _template(
+    path: Path, table: dict[str, Any], rest_angles: Tensor | None
+) -> Float[Tensor, "joint=15 axis=3"]:
+    """Where a table's zero lies: its own `template`, else the rest pose of the hand in use, radians."""
+    if "template" in table:
+        own = table["template"]
+        rows = [[own.get(joint, {}).get(axis, 0.0) for axis in AXES] for joint in ARTICULATED]
+        return torch.tensor(rows).deg2rad()
+    if rest_angles is None:
+        raise ValueError(
+            f"{path} counts angles from the hand's template and has no `template:` of its own, so "
+            "`rest_angles` must be given: pass the hand model's."
+        )
+    return rest_angles.float()
 
 
 def table_path(name_or_path: str) -> Path:

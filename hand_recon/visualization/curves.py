@@ -4,7 +4,6 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 
@@ -42,9 +41,8 @@ def draw_curves(log: Path, target: Path) -> list[str]:
         _Panel("2D error, pixels of a 224-pixel crop", _present(series, "val/E_2D")),
     ]
     panels = [panel for panel in panels if panel.names]
-    # An Agg canvas of its own: no display, and no global state of pyplot.
-    mpl.use("agg", force=False)
-    figure = Figure(figsize=(10, 3.2 * ((len(panels) + 1) // 2)), layout="constrained")
+    # A figure without pyplot: no display, and no global state.
+    figure = Figure(figsize=(10, 3.2 * max(1, (len(panels) + 1) // 2)), layout="constrained")
     for position, panel in enumerate(panels, start=1):
         axes = figure.add_subplot((len(panels) + 1) // 2, 2, position)
         for name in panel.names:

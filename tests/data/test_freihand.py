@@ -202,10 +202,11 @@ def write_vertices(folder: Folder, count: int, mano: bool = False) -> np.ndarray
 def test_vertices_are_given_for_evaluation_and_not_for_training(folder: Folder) -> None:
     vertices = write_vertices(folder, 778)
     recipe = FreiHandRecipe(folder.root, FULL)
-    sample = FreiHand("val", recipe)[0]
+    sample = FreiHand("test", recipe)[0]
     assert sample.vertices is not None
     np.testing.assert_allclose(sample.vertices, vertices[image_number(sample.source)], atol=1e-6)
-    assert FreiHand("train", recipe)[0].vertices is None
+    for split in ("train", "val"):
+        assert FreiHand(split, recipe)[0].vertices is None
     assert FreiHand("train", recipe, with_vertices=True)[0].vertices is not None
 
 
@@ -222,13 +223,13 @@ def test_vertices_that_cannot_be_compared_are_left_out_aloud(
 ) -> None:
     if count is not None:
         write_vertices(folder, count, mano)
-    assert FreiHand("val", FreiHandRecipe(folder.root, FULL))[0].vertices is None
+    assert FreiHand("test", FreiHandRecipe(folder.root, FULL))[0].vertices is None
     assert message in caplog.text
 
 
 def test_mano_surfaces_are_for_the_mano_hand(folder: Folder) -> None:
     write_vertices(folder, 778, mano=True)
-    data = FreiHand("val", FreiHandRecipe(folder.root, FULL, topology="mano"))
+    data = FreiHand("test", FreiHandRecipe(folder.root, FULL, topology="mano"))
     assert data[0].vertices is not None
 
 
