@@ -18,6 +18,12 @@ REFERENCE_SIZE: Final = 224.0
 REFERENCE_FOCAL: Final = 500.0
 """Focal length on the reference crop, pixels (the authors' constants; `docs/decisions.md`)."""
 
+LOG_SCALE_CENTRE: Final = 6.55
+"""Logarithm of the scale at which the bound is the identity: a hand of 18 cm in half of the crop."""
+
+LOG_SCALE_REACH: Final = 1.05
+"""How far the logarithm of the scale may move from there."""
+
 
 def default_intrinsics(crop_size: int, like: Tensor) -> Float[Tensor, "3 3"]:
     """The camera matrix of an uncalibrated crop, pixels of the crop."""
@@ -50,6 +56,17 @@ def raw_to_translation(raw: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 
     """
     depth = REFERENCE_FOCAL * torch.exp(-raw[..., :1])
     return torch.cat([raw[..., 1:], depth], dim=-1)
+
+
+def bounded_log_scale(raw: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """A log scale between 5.5 and 7.6: a hand of 18 cm that spans a fifth of the crop to 1.6 times it.
+
+    Without a bound, a network that does not know yet which way a hand points makes every hand a dot: the
+    smallest squared error, so far away that nothing pulls it back (`docs/decisions.md`).
+    """
+    return LOG_SCALE_CENTRE + LOG_SCALE_REACH * torch.tanh(
+        (raw - LOG_SCALE_CENTRE) / LOG_SCALE_REACH
+    )
 
 
 def to_true_camera(

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torchvision import models
 
 from hand_recon.camera import (
+    bounded_log_scale,
     default_intrinsics,
     project,
     raw_to_translation,
@@ -191,7 +192,8 @@ class Reconstructor(nn.Module):
     ) -> HandPrediction:
         parts = dict(zip(_SIZES, state.split(list(_SIZES.values()), dim=-1), strict=True))
         rotation = six_d_to_rotation(parts["root"])
-        translation = raw_to_translation(parts["camera"])
+        scale = bounded_log_scale(parts["camera"][..., :1])
+        translation = raw_to_translation(torch.cat([scale, parts["camera"][..., 1:]], dim=-1))
         camera = default_intrinsics(crop_size, state).expand(len(state), 3, 3)
         if self.use_intrinsics and intrinsics is not None:
             camera = intrinsics

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.camera import (
+    bounded_log_scale,
     default_intrinsics,
     project,
     raw_to_translation,
@@ -42,6 +43,17 @@ def test_the_same_hand_covers_the_same_share_of_a_crop_of_any_size() -> None:
 def test_a_raw_scale_of_six_point_seven_puts_a_hand_at_sixty_centimetres() -> None:
     translation = raw_to_translation(double(math.log(500 / 0.6), 0.01, -0.02))
     assert_close(translation, double(0.01, -0.02, 0.6))
+
+
+def test_the_scale_is_itself_in_the_middle_and_never_a_dot_or_a_wall() -> None:
+    raw = double(-1e3, 6.55, 6.7, 1e3)
+    bounded = bounded_log_scale(raw)
+    assert_close(bounded[[0, 1, 3]], double(5.5, 6.55, 7.6))
+    assert abs(bounded[2].item() - 6.7) < 2e-3
+    # 18 cm in the crop of 224 pixels.
+    spans = 0.18 * bounded.exp() / 224
+    assert 0.19 < spans[0] < 0.21
+    assert 1.5 < spans[3] < 1.7
 
 
 def test_points_behind_the_camera_have_finite_pixels_and_gradients() -> None:
