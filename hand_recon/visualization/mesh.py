@@ -82,7 +82,8 @@ def from_the_side(
     centred = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     turned = centred @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]).T
     focal, distance = 4.0 * size, 1.0
-    extent = np.abs(turned[:, :2]).max() / 0.45
+    # Over all three axes: a hand seen end-on must not reach the camera.
+    extent = np.abs(turned).max() / 0.45
     turned = turned / extent * 0.25 + np.array([0.0, 0.0, distance])
     intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
     white = np.full((size, size, 3), 255, dtype=np.uint8)

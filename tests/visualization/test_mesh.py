@@ -35,3 +35,11 @@ def test_from_the_side_depth_becomes_width() -> None:
     rows, columns = np.nonzero((picture < 255).any(axis=-1))
     assert np.ptp(columns) > 3 * np.ptp(rows)
     assert 50 < np.ptp(columns) <= 64
+
+
+def test_from_the_side_a_mesh_seen_end_on_stays_inside_the_picture() -> None:
+    box = trimesh.creation.box(extents=(0.2, 0.02, 0.02))
+    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
+    border = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (border == 255).all()
+    assert (picture < 255).any()
