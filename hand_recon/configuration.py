@@ -5,6 +5,7 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -237,10 +238,20 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
     return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
 
 
-def load_module(
-    path: str | Path, landmarks: str | None = None
-) -> tuple[HandReconstruction, DictConfig]:
-    """A trained module and the configuration it was trained with; see `read_checkpoint`.
+@dataclass(frozen=True)
+class Trained:
+    """What a checkpoint holds."""
+
+    module: HandReconstruction
+    """With the trained weights, in evaluation mode."""
+    config: DictConfig
+    """The configuration that it was trained with."""
+    mean_pose: HandPoints | None
+    """The mean training hand; none where the training data have no 3D."""
+
+
+def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
+    """Rebuild what a checkpoint holds; see `read_checkpoint`.
 
     Args:
         path: Checkpoint, or folder of a run.
@@ -267,13 +278,8 @@ def load_module(
             "trained with, or train again."
         )
     module.load_state_dict(checkpoint["state_dict"], strict=True)
-    return module.eval(), config
-
-
-def stored_mean_pose(path: str | Path) -> HandPoints | None:
-    """The mean training hand that a checkpoint keeps; see `read_checkpoint`."""
-    points = read_checkpoint(path)[0].get(MEAN_POSE_KEY)
-    return HandPoints(**points) if points else None
+    points = checkpoint.get(MEAN_POSE_KEY)
+    return Trained(module.eval(), config, HandPoints(**points) if points else None)
 
 
 def claim_folder(path: str | Path) -> Path:

@@ -14,9 +14,8 @@ from hand_recon.configuration import (
     CONF,
     build_data,
     claim_folder,
-    load_module,
+    load_trained,
     set_threads,
-    stored_mean_pose,
 )
 from hand_recon.progress import quiet_libraries
 from hand_recon.results import Run, finish_run
@@ -42,7 +41,8 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     quiet_libraries()
     set_threads(config.threads)
     other_data = config.get("data") is not None
-    module, trained = load_module(config.ckpt, config.data.landmarks if other_data else None)
+    loaded = load_trained(config.ckpt, config.data.landmarks if other_data else None)
+    trained = loaded.config
     lightning.seed_everything(trained.seed, workers=True, verbose=False)
     folder = claim_folder(config.paths.run)
     with open_dict(trained):
@@ -52,9 +52,9 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
         _move_cache(trained.data, config.paths.cache)
         trained.trainer = config.trainer
     # The constant predictor is of the data that the checkpoint was trained on.
-    mean = None if other_data else stored_mean_pose(config.ckpt)
+    mean = None if other_data else loaded.mean_pose
     facts = {"checkpoint": str(config.ckpt)}
-    return finish_run(Run(trained, folder, module, build_data(trained), mean, facts))
+    return finish_run(Run(trained, folder, loaded.module, build_data(trained), mean, facts))
 
 
 def _move_cache(node: DictConfig, folder: str) -> None:

@@ -21,7 +21,7 @@ from hand_recon.configuration import (
     build_module,
     claim_folder,
     instantiate,
-    load_module,
+    load_trained,
     plain,
     set_threads,
 )
@@ -74,7 +74,7 @@ def train(config: DictConfig) -> dict[str, Any]:
         "train_images_per_second": round(images / max(seconds, 1e-9), 1),
         "epochs": trainer.current_epoch,
     }
-    return finish_run(Run(config, folder, load_module(best)[0], data, mean, facts))
+    return finish_run(Run(config, folder, load_trained(best).module, data, mean, facts))
 
 
 def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trainer:
