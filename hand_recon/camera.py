@@ -12,7 +12,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-REFERENCE_SIZE: Final = 224.0
+from hand_recon import schema
+
+REFERENCE_SIZE: Final = float(schema.REFERENCE_SIZE)
 """Side of the paper's crop, pixels: the unit in which the data term and σ are measured."""
 
 REFERENCE_FOCAL: Final = 500.0

@@ -7,11 +7,14 @@ Inside: metres, radians, pixels of the crop; right hands; the camera looks along
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Final, Self
 
 import torch
 from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
+
+REFERENCE_SIZE: Final = 224
+"""Side of the paper's crop, pixels: what landmarks without a picture are measured on."""
 
 
 class _TensorRecord:
@@ -71,7 +74,7 @@ class HandSample(_TensorRecord):
     """One crop of one hand, as a dataset gives it; left hands are already mirrored to right ones."""
 
     image: UInt8[Tensor, "3 height width"]
-    """RGB."""
+    """RGB; of no height and width where there are landmarks alone, in a crop of `REFERENCE_SIZE`."""
     landmarks_2d: Float[Tensor, "landmark=21 2"]
     """Labels, pixels of the crop; NaN where there is no label."""
     labelled: Bool[Tensor, "landmark=21"]
@@ -90,6 +93,8 @@ class HandSample(_TensorRecord):
     """Which landmarks cannot be seen."""
     label_noise: Float[Tensor, "landmark=21"] | None = None
     """Standard deviation of the label's noise, pixels of the crop: known for synthetic hands."""
+    confidence: Float[Tensor, "landmark=21"] | None = None
+    """How sure of each landmark whoever placed it was, from 0 to 1; a detector's score."""
     mirrored: bool = False
     """Whether the pixels show a left hand turned into a right one."""
 
@@ -99,7 +104,7 @@ class HandBatch(_TensorRecord):
     """Samples stacked. What some samples lack is NaN there, and a mask says so; never zero."""
 
     image: UInt8[Tensor, "batch 3 height width"] | Float[Tensor, "batch 3 height width"]
-    """RGB, 0–255 as bytes, or 0–1 as floats once augmented."""
+    """RGB, 0–255 as bytes, or 0–1 as floats once augmented; of no size with landmarks alone."""
     landmarks_2d: Float[Tensor, "batch landmark=21 2"]
     """Labels, pixels of the crop; NaN where there is no label."""
     labelled: Bool[Tensor, "batch landmark=21"]
@@ -118,6 +123,8 @@ class HandBatch(_TensorRecord):
     """Which landmarks cannot be seen; absent if any sample does not know."""
     label_noise: Float[Tensor, "batch landmark=21"] | None = None
     """Standard deviation of the label's noise, pixels; NaN where unknown."""
+    confidence: Float[Tensor, "batch landmark=21"] | None = None
+    """How sure of each landmark whoever placed it was, from 0 to 1; NaN where unknown."""
 
     def __len__(self) -> int:
         return int(self.landmarks_2d.shape[0])
@@ -125,7 +132,7 @@ class HandBatch(_TensorRecord):
     @property
     def crop_size(self) -> int:
         """Side of the square crop, pixels."""
-        return int(self.image.shape[-1])
+        return int(self.image.shape[-1]) or REFERENCE_SIZE
 
 
 @dataclass(frozen=True)
@@ -146,6 +153,8 @@ class HandPrediction(_TensorRecord):
     """log σ of each coordinate, σ in pixels of a 224-pixel crop (Sec. 3.3)."""
     intrinsics: Float[Tensor, "*batch 3 3"]
     """The camera matrix used for the projection, pixels of the crop."""
+    correlation: Float[Tensor, "*batch landmark=21"] | None = None
+    """Correlation of the errors of a landmark's two coordinates, −1 to 1; none where it is not predicted."""
 
 
 def collate(samples: list[HandSample]) -> HandBatch:
@@ -173,6 +182,7 @@ def collate(samples: list[HandSample]) -> HandBatch:
         vertices=_stack_or_nan([sample.vertices for sample in samples]),
         occluded=_stack_if_all([sample.occluded for sample in samples]),
         label_noise=_stack_or_nan([sample.label_noise for sample in samples]),
+        confidence=_stack_or_nan([sample.confidence for sample in samples]),
     )
 
 

@@ -128,7 +128,7 @@ def move(batch: HandBatch, motion: CropMotion) -> HandBatch:
     linear, offset = motion.pixels[:, :2, :2], motion.pixels[:, :2, 2]
     return replace(
         batch,
-        image=warp(batch.image, motion.pixels),
+        image=warp(batch.image, motion.pixels) if batch.image.numel() else batch.image,
         landmarks_2d=batch.landmarks_2d @ linear.mT + offset[:, None],
         intrinsics=intrinsics,
         landmarks_3d=None if batch.landmarks_3d is None else batch.landmarks_3d @ to_new,
