@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,10 +17,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.data.datamodule import HandDataModule
+from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.training import HandReconstruction
+from hand_recon.uncertainty import DataTerm
 
 CONF: Final = str(Path(__file__).resolve().parents[1] / "conf")
 """Absolute, because Hydra would look for a package of that name when a console script starts it."""
@@ -31,13 +36,22 @@ TRUSTED: Final = frozenset(
         "hand_recon.data.crop_reader.ReadingPolicy",
         "hand_recon.data.freihand_datamodule.FreiHandDataModule",
         "hand_recon.data.synthetic_datamodule.SyntheticDataModule",
+        "hand_recon.encoder.ImageEncoder",
+        "hand_recon.encoder.LandmarkEncoder",
+        "hand_recon.fit_results.ResultOptions",
+        "hand_recon.fitting.descent.Descent",
         "hand_recon.hand.open_hand.open_hand",
+        "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy",
         "hand_recon.knowledge.prior.Prior",
-        "hand_recon.reconstructor.ImageEncoder",
         "hand_recon.reconstructor.Reconstructor",
+        "hand_recon.supervision.Landmarks3D",
         "hand_recon.training.warmup_cosine",
+        "hand_recon.uncertainty.FullCovariance",
+        "hand_recon.uncertainty.LaplaceLikelihood",
         "hand_recon.uncertainty.NegativeLogLikelihood",
+        "hand_recon.uncertainty.RescaledSquaredError",
         "hand_recon.uncertainty.SquaredError",
+        "hand_recon.uncertainty.Staged",
         "lightning.Trainer",
         "lightning.pytorch.callbacks.LearningRateMonitor",
         "lightning.pytorch.callbacks.ModelCheckpoint",
@@ -52,6 +66,9 @@ TRUSTED: Final = frozenset(
 )
 """Every `_target_` that may be called, one by one: a checkpoint brings its configuration with it, and even
 torch has functions that run commands."""
+
+SCORED_RANGES: Final = "literature"
+"""The table by which every model's violations are counted, whatever its prior knows."""
 
 CONFIG_KEY: Final = "hand_recon_config"
 """Where a checkpoint keeps the resolved configuration, as plain data."""
@@ -149,16 +166,25 @@ def build_data(config: DictConfig) -> HandDataModule:
 def build_module(config: DictConfig) -> HandReconstruction:
     """The Lightning module of a run, with fresh weights."""
     hand = build_hand(config)
-    prior = {key: value for key, value in config.prior.items() if key != "ranges"}
-    ranges = load_ranges(config.prior.ranges, hand.rest_angles)
+    data_term: DataTerm = instantiate(config.data_term)
     optimizer = {key: value for key, value in config.optimizer.items() if key != "schedule"}
     return HandReconstruction(
-        reconstructor=instantiate(config.model, hand=hand),
-        prior=instantiate(OmegaConf.create(prior), ranges=ranges),
-        data_term=instantiate(config.data_term),
+        instantiate(config.model, hand=hand, correlated=data_term.needs_correlation),
+        build_prior(config.prior, hand),
+        data_term,
+        scores=partial(Scores, load_ranges(SCORED_RANGES), NonPenetration(hand)),
         optimizer=instantiate(OmegaConf.create(optimizer)),
         scheduler=instantiate(config.optimizer.schedule),
+        supervision=instantiate(config.get("supervision") or None),
     )
+
+
+def build_prior(config: DictConfig, hand: HandModel) -> Prior:
+    """The prior that a member of the `prior` group describes."""
+    rest = {key: value for key, value in config.items() if key != "ranges"}
+    ranges = load_ranges(config.ranges, hand.rest_angles)
+    prior: Prior = instantiate(OmegaConf.create(rest), ranges=ranges, hand=hand)
+    return prior
 
 
 def set_threads(threads: int | None) -> int:
@@ -266,7 +292,8 @@ def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
         config.hand.landmarks = landmarks
     # The weights are in the checkpoint: nothing may be downloaded for them again.
     built = copy.deepcopy(config)
-    built.model.encoder.weights = "none"
+    if "weights" in built.model.encoder:
+        built.model.encoder.weights = "none"
     # Nor is the prior needed again, so its table may lie on the machine where it was trained.
     built.prior.ranges = "literature"
     module = build_module(built)
@@ -280,6 +307,15 @@ def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
     module.load_state_dict(checkpoint["state_dict"], strict=True)
     points = checkpoint.get(MEAN_POSE_KEY)
     return Trained(module.eval(), config, HandPoints(**points) if points else None)
+
+
+def use_cache(config: DictConfig, folder: str) -> None:
+    """Let data use this machine's cache: a checkpoint knows the one where it was trained."""
+    for key in list(config):
+        if key == "cache_dir":
+            config[key] = folder
+        elif isinstance(config._get_node(key), DictConfig):
+            use_cache(config[key], folder)
 
 
 def claim_folder(path: str | Path) -> Path:

@@ -16,6 +16,7 @@ from hand_recon.configuration import (
     claim_folder,
     load_trained,
     set_threads,
+    use_cache,
 )
 from hand_recon.progress import quiet_libraries
 from hand_recon.results import Run, finish_run
@@ -49,21 +50,12 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
         trained.paths, trained.report, trained.name = config.paths, config.report, config.name
         if other_data:
             trained.data = config.data
-        _move_cache(trained.data, config.paths.cache)
+        use_cache(trained.data, config.paths.cache)
         trained.trainer = config.trainer
     # The constant predictor is of the data that the checkpoint was trained on.
     mean = None if other_data else loaded.mean_pose
     facts = {"checkpoint": str(config.ckpt)}
     return finish_run(Run(trained, folder, loaded.module, build_data(trained), mean, facts))
-
-
-def _move_cache(node: DictConfig, folder: str) -> None:
-    """Let the data use this machine's cache: the checkpoint knows the one where it was trained."""
-    for key in list(node):
-        if key == "cache_dir":
-            node[key] = folder
-        elif isinstance(node._get_node(key), DictConfig):
-            _move_cache(node[key], folder)
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate")

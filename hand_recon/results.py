@@ -1,5 +1,6 @@
 """What a run leaves behind: scores beside a baseline, pictures, a report that opens offline."""
 
+import csv
 import json
 import logging
 import platform
@@ -15,17 +16,20 @@ import torchmetrics
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
+from torch import Tensor
 
 from hand_recon import __version__
 from hand_recon.configuration import instantiate
+from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.progress import somebody_watches
-from hand_recon.schema import collate
+from hand_recon.schema import HandBatch, HandPrediction, collate
 from hand_recon.training import HandReconstruction
 from hand_recon.visualization.curves import draw_curves
+from hand_recon.visualization.figures import rank_by_uncertainty
 from hand_recon.visualization.overlay import rows
 from hand_recon.visualization.report import Report, write_report
 
@@ -64,6 +68,7 @@ def finish_run(run: Run) -> dict[str, Any]:
         What `metrics.json` holds.
     """
     scores = _test(run)
+    _write_per_hand(run)
     metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
@@ -72,13 +77,13 @@ def finish_run(run: Run) -> dict[str, Any]:
         "test": scores,
         "mean_pose": {},
         **run.facts,
-        "environment": _environment(),
+        "environment": environment(),
     }
     # At once, and again with the baseline: no later failure may cost the scores.
-    _write_json(run.folder / "metrics.json", metrics)
+    write_json(run.folder / "metrics.json", metrics)
     if run.mean_pose is not None:
         metrics["mean_pose"] = _mean_pose_scores(run.mean_pose, run.data)
-        _write_json(run.folder / "metrics.json", metrics)
+        write_json(run.folder / "metrics.json", metrics)
     _print_table(scores, metrics["mean_pose"], run.data.name)
     if "E_V" not in scores:
         logger.warning(
@@ -115,6 +120,24 @@ def _test(run: Run) -> dict[str, float]:
     }
 
 
+def _write_per_hand(run: Run) -> None:
+    """The 3D scores of each test hand, for intervals and paired comparisons."""
+    index, columns = run.module.test.last_per_hand
+    if columns:
+        write_per_hand(run.folder / "per_hand.csv", index, columns)
+
+
+def write_per_hand(path: Path, index: Tensor, columns: dict[str, Tensor]) -> None:
+    """One row per hand: its place in the dataset and its scores, as `HandMetrics.per_hand` gives them."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["index", *columns])
+        for place, values in zip(
+            index.tolist(), torch.stack(list(columns.values()), dim=1).tolist(), strict=True
+        ):
+            writer.writerow([place, *(f"{value:.6g}" for value in values)])
+
+
 def _mean_pose_scores(mean: HandPoints, data: HandDataModule) -> dict[str, float]:
     """What one constant hand scores on every test picture; only aligned scores mean anything for it."""
     metric = HandMetrics()
@@ -132,13 +155,14 @@ def _mean_pose_scores(mean: HandPoints, data: HandDataModule) -> dict[str, float
     return {name: value for name, value in metric.compute().items() if name in ALIGNED}
 
 
-def _write_json(path: Path, content: dict[str, Any]) -> None:
+def write_json(path: Path, content: dict[str, Any]) -> None:
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _write_report(run: Run, metrics: dict[str, Any]) -> None:
     """Overlays, curves where there is a log, and the page that shows them."""
-    overlays = tuple(_draw_overlays(run))
+    shown = _shown_hands(run)
+    overlays = tuple(_draw_overlays(run, shown)) if shown else ()
     log, curves = run.folder / "csv" / "metrics.csv", run.folder / "curves.png"
     if log.is_file():
         draw_curves(log, curves)
@@ -153,38 +177,66 @@ def _write_report(run: Run, metrics: dict[str, Any]) -> None:
             overlays=overlays,
             curves=curves if curves.is_file() else None,
             config=OmegaConf.to_yaml(run.config, resolve=True),
+            figures=_draw_ellipses(run, shown) if shown else (),
         ),
         target,
     )
     logger.info("Open %s", target)
 
 
+@dataclass(frozen=True)
+class _Shown:
+    """Test hands that the report shows."""
+
+    indices: list[int]
+    """Their places in the test set."""
+    batch: HandBatch
+    """As the dataset gives them."""
+    prediction: HandPrediction
+    """Of them."""
+
+
 @torch.no_grad()
-def _draw_overlays(run: Run) -> list[Path]:
-    """Draw test hands spread evenly over the set, from the best reconstructed to the worst."""
+def _shown_hands(run: Run) -> _Shown | None:
+    """Test hands spread evenly over the set; none if no picture is wanted."""
     dataset = run.data.dataset("test")
     count = min(int(run.config.report.images), len(dataset))
     if count == 0:
-        return []
+        return None
     indices = [position * len(dataset) // count for position in range(count)]
-    device = torch.device("cpu")
-    module = run.module.to(device).eval()
-    raw = collate([dataset[index] for index in indices])
-    prediction = module.reconstructor(raw.image.float() / 255, raw.intrinsics)
-    error = (prediction.landmarks_2d - raw.landmarks_2d).norm(dim=-1)
+    batch = collate([dataset[index] for index in indices])
+    module = run.module.to("cpu").eval()
+    return _Shown(indices, batch, module(to_float(batch)))
+
+
+def _draw_overlays(run: Run, shown: _Shown) -> list[Path]:
+    """One row of pictures per hand, from the best reconstructed to the worst."""
+    error = (shown.prediction.landmarks_2d - shown.batch.landmarks_2d).norm(dim=-1)
     order = torch.nanmean(error, dim=-1).nan_to_num(torch.inf).argsort().tolist()
-    pictures = rows(raw, prediction, module.reconstructor.hand.faces)
+    pictures = rows(shown.batch, shown.prediction, run.module.reconstructor.hand.faces)
     folder = run.folder / "overlays"
     folder.mkdir(exist_ok=True)
     paths = []
     for rank, position in enumerate(order):
-        path = folder / f"{rank:02d}_sample{indices[position]}.png"
+        path = folder / f"{rank:02d}_sample{shown.indices[position]}.png"
         cv2.imwrite(str(path), cv2.cvtColor(pictures[position], cv2.COLOR_RGB2BGR))
         paths.append(path)
     return paths
 
 
-def _environment() -> dict[str, str]:
+def _draw_ellipses(run: Run, shown: _Shown) -> tuple[tuple[str, Path], ...]:
+    """The surest and the least sure of these hands (Fig. 4b), where σ was learnt."""
+    if not run.module.data_term.learns_sigma:
+        return ()
+    path = run.folder / "uncertainty.png"
+    count = min(4, len(shown.indices) // 2)
+    picture = rank_by_uncertainty(shown.batch, shown.prediction, count=count)
+    cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    caption = "Test hands of the largest and the smallest mean σ; ellipses of 1σ and 2σ."
+    return ((caption, path),)
+
+
+def environment() -> dict[str, str]:
     cuda = torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
     return {
         "hand_recon": __version__,

@@ -15,7 +15,8 @@ from hand_recon.configuration import plain, read_checkpoint
 logger = logging.getLogger(__name__)
 
 MUST_MATCH: Final = (
-    "seed", "crop_size", "data", "hand", "model", "prior", "data_term", "optimizer",
+    "seed", "crop_size", "data", "hand", "model", "prior", "data_term", "supervision",
+    "optimizer",
 )  # fmt: skip
 """What a continued run must share with the run it continues."""
 

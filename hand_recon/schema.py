@@ -5,7 +5,7 @@ Inside: metres, radians, pixels of the crop; right hands; the camera looks along
 `hand_recon.hand.skeleton.LANDMARKS`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Final, Self
 
@@ -31,6 +31,24 @@ class _TensorRecord:
     def detach(self) -> Self:
         """The same record outside the graph."""
         return self._map(Tensor.detach)
+
+    def select(self, which: Tensor | slice) -> Self:
+        """The same record of some of the hands along its first axis."""
+        return self._map(lambda tensor: tensor[which])
+
+    @classmethod
+    def join(cls, records: Sequence[Self]) -> Self:
+        """Records of one form, one after the other along their first axis."""
+        joined: dict[str, object] = {}
+        for field in fields(cls):  # type: ignore[arg-type]  # every subclass is a dataclass
+            values = [getattr(record, field.name) for record in records]
+            if isinstance(values[0], Tensor):
+                joined[field.name] = torch.cat(values)
+            elif isinstance(values[0], _TensorRecord):
+                joined[field.name] = values[0].join(values)
+            else:
+                joined[field.name] = values[0]
+        return cls(**joined)
 
     def _map(self, change: Callable[[Tensor], Tensor]) -> Self:
         changed: dict[str, object] = {}

@@ -1,20 +1,28 @@
 """Training: the data term and the prior over a reconstructor (Sec. 3.4)."""
 
+import logging
 import math
 from collections.abc import Callable, Iterable
+from typing import Final
 
 import lightning
 import torch
+from jaxtyping import Float
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 
 from hand_recon.camera import REFERENCE_SIZE
-from hand_recon.evaluation.landmarks_2d import Landmarks2D
-from hand_recon.evaluation.metrics import HandMetrics
-from hand_recon.evaluation.scores import HandPoints
+from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.knowledge.prior import Prior
 from hand_recon.reconstructor import Reconstructor
 from hand_recon.schema import HandBatch, HandPrediction
+from hand_recon.supervision import Landmarks3D
+from hand_recon.uncertainty import DataTerm
+
+logger = logging.getLogger(__name__)
+
+STAGE_LEFT: Final = 1e6
+"""What a stage that is still to come adds to the number by which the best checkpoint is chosen."""
 
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[..., torch.optim.lr_scheduler.LRScheduler]
@@ -47,19 +55,24 @@ class HandReconstruction(lightning.LightningModule):
     Args:
         reconstructor: Crop → hand.
         prior: Knowledge, every term by name.
-        data_term: Residuals of the projected landmarks → one value per hand.
+        data_term: Residuals of the projected landmarks → one value per hand, perhaps in stages.
+        scores: What is measured of validation and test hands.
         optimizer: Makes the optimizer from the parameters.
         scheduler: Makes a learning-rate schedule from the optimizer and `total_steps`; none keeps the
             rate, as the paper does.
+        supervision: 3D labels for some hands; none for the paper's own setting.
     """
 
     def __init__(
         self,
         reconstructor: Reconstructor,
         prior: Prior,
-        data_term: nn.Module,
+        data_term: DataTerm,
+        *,
+        scores: Callable[[], Scores],
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
+        supervision: Landmarks3D | None = None,
     ) -> None:
         super().__init__()
         self.reconstructor = reconstructor
@@ -67,12 +80,13 @@ class HandReconstruction(lightning.LightningModule):
         self.data_term = data_term
         self.optimizer = optimizer
         self.scheduler = scheduler
-        self.validation = _Scores()
-        self.test = _Scores()
+        self.supervision = supervision
+        self.validation = scores()
+        self.test = scores()
 
     def forward(self, batch: HandBatch) -> HandPrediction:
         """Reconstruct every hand of a batch."""
-        prediction: HandPrediction = self.reconstructor(batch.image, batch.intrinsics)
+        prediction: HandPrediction = self.reconstructor(batch)
         return prediction
 
     def losses(self, batch: HandBatch, prediction: HandPrediction) -> dict[str, Tensor]:
@@ -82,11 +96,17 @@ class HandReconstruction(lightning.LightningModule):
             return self._losses(batch, prediction)
 
     def _losses(self, batch: HandBatch, prediction: HandPrediction) -> dict[str, Tensor]:
-        to_reference = REFERENCE_SIZE / batch.crop_size
-        residual = (prediction.landmarks_2d - batch.landmarks_2d) * to_reference
-        data = self.data_term(residual, prediction.log_sigma, batch.labelled).mean()
+        data = self.data_term(
+            reference_residual(batch, prediction),
+            prediction.log_sigma,
+            batch.labelled,
+            prediction.correlation,
+        ).mean()
         raw = {name: value.mean() for name, value in self.prior(prediction).items()}
         weighted = self.prior.weighted(raw)
+        if self.supervision is not None:
+            raw["landmarks_3d"] = self.supervision(batch, prediction).mean()
+            weighted["landmarks_3d"] = self.supervision.weight * raw["landmarks_3d"]
         total = data + sum(weighted.values())
         return {"loss": total, "data": data, **raw} | {
             f"weighted/{name}": value for name, value in weighted.items()
@@ -98,15 +118,48 @@ class HandReconstruction(lightning.LightningModule):
         Raises:
             FloatingPointError: The loss is not finite.
         """
-        losses = self.losses(batch, self(batch))
+        prediction = self(batch)
+        if self._stage_begins():
+            self._start_sigma_at_the_residual(prediction)
+            prediction = self(batch)
+        self.data_term.observe(reference_residual(batch, prediction), batch.labelled)
+        losses = self.losses(batch, prediction)
         self._refuse_non_finite(losses, batch)
         self._log("train", losses, len(batch))
         return losses["loss"]
 
+    def _stage_begins(self) -> bool:
+        """Whether the data term goes to its second stage with this step (Sec. 4.1: MSE, then NLL)."""
+        trainer = self._trainer
+        if trainer is None or self.data_term.stages == 1:
+            return False
+        return self.data_term.begin(
+            step=trainer.global_step,
+            epoch=trainer.current_epoch,
+            total_steps=int(trainer.estimated_stepping_batches),
+        )
+
+    def _start_sigma_at_the_residual(self, prediction: HandPrediction) -> None:
+        """Start σ at the running residual, so that the pull on the means falls by 1/(2σ²) and no jump else."""
+        start = self.data_term.running_log_sigma()
+        self.reconstructor.shift_log_sigma(start - prediction.log_sigma.detach().mean(dim=0))
+        logger.info(
+            "Step %d: %s. σ starts at the running residual, %.1f px (median over coordinates); against the "
+            "prior, a residual now weighs %.3f of what it did.",
+            self.global_step,
+            type(self.data_term).__name__,
+            float(start.exp().median()),
+            float((0.5 * (-2 * start).exp()).mean()),
+        )
+
     def validation_step(self, batch: HandBatch, batch_index: int) -> None:
         """Losses and scores on the validation hands."""
         prediction = self(batch)
-        self._log("val", self.losses(batch, prediction), len(batch))
+        losses = self.losses(batch, prediction)
+        # Losses of two stages do not compare; any checkpoint of the last is taken before one of the first.
+        stages_left = self.data_term.stages - 1 - self.data_term.stage
+        losses["selection"] = losses["loss"] + STAGE_LEFT * stages_left
+        self._log("val", losses, len(batch))
         self.validation.update(batch, prediction)
 
     def on_validation_epoch_end(self) -> None:
@@ -163,36 +216,9 @@ class HandReconstruction(lightning.LightningModule):
         )
 
 
-class _Scores(nn.Module):
-    """The scores that a batch's labels allow: 2D always, 3D where there is ground truth."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.in_3d = HandMetrics()
-        self.in_2d = Landmarks2D()
-        self._has_3d = False
-
-    def update(self, batch: HandBatch, prediction: HandPrediction) -> None:
-        self.in_2d.update(
-            prediction.landmarks_2d,
-            batch.landmarks_2d,
-            batch.labelled,
-            batch.index,
-            crop_size=batch.crop_size,
-        )
-        if batch.landmarks_3d is not None:
-            self._has_3d = True
-            vertices = None if batch.vertices is None else prediction.vertices
-            self.in_3d.update(
-                HandPoints(prediction.landmarks_3d, vertices),
-                HandPoints(batch.landmarks_3d, batch.vertices),
-                batch.index,
-            )
-
-    def compute(self) -> dict[str, float]:
-        return (self.in_3d.compute() if self._has_3d else {}) | self.in_2d.compute()
-
-    def reset(self) -> None:
-        self.in_3d.reset()
-        self.in_2d.reset()
-        self._has_3d = False
+def reference_residual(
+    batch: HandBatch, prediction: HandPrediction
+) -> Float[Tensor, "batch landmark=21 2"]:
+    """Projection minus label, pixels of a 224-pixel crop; NaN where there is no label."""
+    to_reference = REFERENCE_SIZE / batch.crop_size
+    return (prediction.landmarks_2d - batch.landmarks_2d) * to_reference

@@ -24,6 +24,7 @@ class SyntheticDataModule(HandDataModule):
         cache_dir: Path | str,
         render_workers: int = 1,
         landmarks: str = "knuckle",
+        pictures: bool = True,
         batch_size: int = 64,
         workers: int = 0,
         augmentation: Augmentation | None = None,
@@ -41,6 +42,7 @@ class SyntheticDataModule(HandDataModule):
             cache_dir: Where rendered pictures are kept.
             render_workers: Processes that render.
             landmarks: The hand's landmark set.
+            pictures: Whether there are pictures, or landmarks alone, in crops of 224 pixels.
             batch_size: Hands per batch and process.
             workers: Loading processes.
             augmentation: Applied to training batches.
@@ -48,6 +50,7 @@ class SyntheticDataModule(HandDataModule):
             data_seed: Fixes the pictures: the same for all seeds of a study.
         """
         self.landmarks = landmarks
+        self.name = "synthetic" if pictures else "views"
         self._split = partial(
             SyntheticHands,
             crop_size=crop_size,
@@ -56,6 +59,7 @@ class SyntheticDataModule(HandDataModule):
             cache_dir=Path(cache_dir),
             workers=render_workers,
             landmarks=landmarks,
+            pictures=pictures,
         )
         self._train_size = train_size
         super().__init__(

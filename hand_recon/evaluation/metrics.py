@@ -67,6 +67,18 @@ class HandMetrics(PerSampleMetric):
         """
         return self._means("landmarks", LANDMARK_SCORES) | self._means("vertices", VERTEX_SCORES)
 
+    def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Float[Tensor, " hand"]]]:
+        """Index and every score of every distinct sample, in the units of `compute`; NaN without truth."""
+        columns: dict[str, Tensor] = {}
+        tables = (("landmarks", LANDMARK_SCORES), ("vertices", VERTEX_SCORES))
+        for table, names in tables:
+            rows = self.distinct(table)
+            if len(rows):
+                columns |= {
+                    name: rows[:, column] * _report_unit(name) for column, name in enumerate(names)
+                }
+        return self.distinct_index(), columns
+
     def _means(self, table: str, names: tuple[str, ...]) -> dict[str, float]:
         rows = self.distinct(table)
         known = rows.isfinite().all(dim=-1)
@@ -78,7 +90,7 @@ class HandMetrics(PerSampleMetric):
         if not known.any():
             return {}
         means = rows[known].mean(dim=0).tolist()
-        return {name: _in_report_unit(name, mean) for name, mean in zip(names, means, strict=True)}
+        return {name: mean * _report_unit(name) for name, mean in zip(names, means, strict=True)}
 
 
 def _spread(scores: Float[Tensor, "known score"], known: Bool[Tensor, " hand"]) -> Tensor:
@@ -92,5 +104,5 @@ def _known(points: Float[Tensor, "hand point 3"]) -> Bool[Tensor, " hand"]:
     return points.isfinite().flatten(start_dim=1).all(dim=1)
 
 
-def _in_report_unit(name: str, value: float) -> float:
-    return value * MILLIMETRES if name.startswith(("E_", "MPJPE")) else value
+def _report_unit(name: str) -> float:
+    return MILLIMETRES if name.startswith(("E_", "MPJPE")) else 1.0

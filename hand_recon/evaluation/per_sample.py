@@ -72,6 +72,10 @@ class PerSampleMetric(Metric):
         self._check_agreement(rows, rows[first][inverse], index)
         return rows[first]
 
+    def distinct_index(self) -> Int[Tensor, " sample"]:
+        """The index of each row of `distinct`."""
+        return torch.unique(_joined(self.index))
+
     def _check_agreement(self, rows: Tensor, expected: Tensor, index: Tensor) -> None:
         differs = ((rows - expected).abs() > DISAGREEMENT * (1 + expected.abs())).any(dim=-1)
         if differs.any():

@@ -3,7 +3,12 @@
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import AXES
 from hand_recon.knowledge.biomechanics import pose_loss
+from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.pose_components import PoseComponents
 from hand_recon.knowledge.ranges import RangeOfMotion
 from hand_recon.schema import HandPrediction
 
@@ -16,13 +21,17 @@ class Prior(nn.Module):
 
     Args:
         ranges: Ranges of motion of the hand at hand.
+        hand: The hand, for its surface.
         range_of_motion: λ₁, per squared radian.
-        functional_anatomy: Whether Eq. 2–3 refine the ranges.
+        twist: Whether Eq. 1 holds for twist too. Priors that see joint positions alone cannot have it.
+        functional_anatomy: Whether Eq. 2–3 refine the ranges …
+        anatomy: … and by which of their rules.
         non_penetration: λ₂, per metre.
+        tolerance: d_tol of Eq. 4, metres.
+        geodesic: Vertices nearer than this along the surface are neighbours (Eq. 4), metres.
         shape: λ₃, per standard deviation.
-
-    Raises:
-        NotImplementedError: A source of knowledge is asked for that this version lacks.
+        pose_components: Weight of the squared distance to the mean pose in the space of a PCA of poses: a
+            peer's prior that needs 3D data, to compare with.
     """
 
     lower: Tensor
@@ -31,35 +40,65 @@ class Prior(nn.Module):
     def __init__(
         self,
         ranges: RangeOfMotion,
+        hand: HandModel,
         *,
         range_of_motion: float = 20_000.0,
+        twist: bool = True,
         functional_anatomy: bool = False,
+        anatomy: FunctionalAnatomy | None = None,
         non_penetration: float = 0.0,
+        tolerance: float = 0.006,
+        geodesic: float = 0.02,
         shape: float = 10.0,
+        pose_components: float = 0.0,
     ) -> None:
         super().__init__()
-        for wanted, what in (
-            (functional_anatomy, "functional anatomy (Eq. 2-3)"),
-            (non_penetration, "the non-penetration loss (Eq. 4)"),
-        ):
-            if wanted:
-                raise NotImplementedError(
-                    f"This version of hand_recon does not have {what} yet. "
-                    "Run with prior=none or prior=biomechanics (rows 1 and 2 of Table 1)."
-                )
-        self.register_buffer("lower", ranges.lower, persistent=False)
-        self.register_buffer("upper", ranges.upper, persistent=False)
-        self.weights = {"range_of_motion": range_of_motion, "shape": shape}
+        self.register_buffer("lower", ranges.lower.clone(), persistent=False)
+        self.register_buffer("upper", ranges.upper.clone(), persistent=False)
+        if not twist:
+            self.lower[:, AXES.index("twist")] = -float("inf")
+            self.upper[:, AXES.index("twist")] = float("inf")
+        self.anatomy = (anatomy or FunctionalAnatomy()) if functional_anatomy else None
+        self.surface = (
+            NonPenetration(hand, geodesic=geodesic, tolerance=tolerance)
+            if non_penetration
+            else None
+        )
+        self.components = PoseComponents() if pose_components else None
+        self.weights = {
+            "range_of_motion": range_of_motion,
+            "non_penetration": non_penetration,
+            "shape": shape,
+            "pose_components": pose_components,
+        }
 
-    def forward(self, prediction: HandPrediction) -> dict[str, Float[Tensor, " batch"]]:
-        """The unweighted value of every term that has a weight, one per hand, by name."""
+    @property
+    def ranges(self) -> RangeOfMotion:
+        """The ranges of Eq. 1, before any refinement."""
+        return RangeOfMotion(self.lower, self.upper)
+
+    def forward(
+        self, prediction: HandPrediction, *, contact: bool = True
+    ) -> dict[str, Float[Tensor, "*batch"]]:
+        """The unweighted value of every term that has a weight, one per hand, by name.
+
+        Args:
+            prediction: The hands.
+            contact: Whether to look at their surfaces; a fit does so only once poses mean something.
+        """
         parameters = prediction.parameters
         terms = {}
         if self.weights["range_of_motion"]:
-            ranges = RangeOfMotion(self.lower, self.upper)
+            ranges = self.ranges
+            if self.anatomy is not None:
+                ranges = self.anatomy.refine(ranges, parameters.joint_angles)
             terms["range_of_motion"] = pose_loss(parameters.joint_angles, ranges)
+        if self.surface is not None and contact:
+            terms["non_penetration"] = self.surface(prediction.vertices)
         if self.weights["shape"]:
             terms["shape"] = shape_loss(parameters.shape)
+        if self.components is not None:
+            terms["pose_components"] = self.components(parameters.joint_angles)
         return terms
 
     def weighted(self, terms: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -1,8 +1,8 @@
 """How far every joint goes: the range-of-motion tables of the prior (Sec. 3.2, Eq. 1).
 
-A table is a YAML file: degrees, one row per joint and axis, each with the source of its numbers. Two are
-shipped in `tables/`, `literature` (clinical measurements) and `paper_release` (the constants published
-with the paper); any path to a file of the same form will do as well.
+A table is a YAML file: degrees, one row per joint and axis, and for each bound the source of its number.
+Two are shipped in `tables/`, `literature` (clinical measurements) and `paper_release` (the constants
+published with the paper); any path to a file of the same form will do as well. `docs/ranges.md` shows both.
 """
 
 import math
@@ -45,6 +45,18 @@ class RangeOfMotion:
         """Whether all angles of each hand are inside, within a tolerance in radians."""
         inside = (joint_angles >= self.lower - tolerance) & (joint_angles <= self.upper + tolerance)
         return inside.flatten(-2).all(dim=-1)
+
+    def mirrored(self) -> "RangeOfMotion":
+        """The ranges of the other hand where its angles are counted about right-handed axes.
+
+        Nothing in this project needs it. Every left hand is mirrored when it is read, and joint angles
+        are anatomical (flexion, towards the thumb), so that one table serves both hands. But a left
+        hand's own rotations, as MANO_LEFT has them, are about axes that a reflection has turned into
+        right-handed ones: bend and splay change sign, twist does not.
+        """
+        sign = torch.tensor([-1.0, -1.0, 1.0]).to(self.lower)  # Of bend, splay and twist.
+        ends = torch.stack([self.lower * sign, self.upper * sign])
+        return RangeOfMotion(lower=ends.amin(dim=0), upper=ends.amax(dim=0))
 
 
 def load_ranges(
@@ -127,19 +139,21 @@ def _check_names(path: Path, rows: dict[str, dict[str, list[object]]]) -> None:
 def _bounds(path: Path, table: dict[str, Any], joint: str, axis: str) -> tuple[float, float]:
     """One row, radians."""
     row = table["joints"][joint][axis]
-    if len(row) != 3:
+    if len(row) not in (3, 4):
         raise ValueError(
-            f"{path}: {joint} {axis} is {list(row)}, expected [minimum, maximum, source] in degrees."
+            f"{path}: {joint} {axis} is {list(row)}, expected [minimum, maximum, source] in degrees, or "
+            "[minimum, maximum, source of the minimum, source of the maximum]."
         )
-    lower, upper, source = float(row[0]), float(row[1]), str(row[2])
+    for source in map(str, row[2:]):
+        if source not in table.get("sources", {}):
+            raise ValueError(
+                f"{path}: {joint} {axis} names the source {source!r}, which `sources:` does not explain."
+            )
+    lower, upper = float(row[0]), float(row[1])
     if not -180 <= lower <= upper <= 180:
         raise ValueError(
             f"{path}: {joint} {axis} goes from {lower} to {upper} degrees; the minimum must not exceed "
             "the maximum and both lie within ±180."
-        )
-    if source not in table.get("sources", {}):
-        raise ValueError(
-            f"{path}: {joint} {axis} names the source {source!r}, which `sources:` does not explain."
         )
     return math.radians(lower), math.radians(upper)
 

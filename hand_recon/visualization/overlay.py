@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.hand.skeleton import LANDMARK_PARENTS
 from hand_recon.schema import HandBatch, HandPrediction
+from hand_recon.visualization.canvas import background
 from hand_recon.visualization.mesh import from_the_side, shade
 
 FINGER_COLOURS: Final = (
@@ -70,7 +71,7 @@ def rows(
     triangles = faces.cpu().numpy()
     pictures = []
     for index in range(len(batch)):
-        image = _enlarge(batch.image[index], panel)
+        image = background(batch.image[index], panel)
         labels = (batch.landmarks_2d[index] * scale).cpu().numpy()
         landmarks = (prediction.landmarks_2d[index] * scale).cpu().numpy()
         vertices = prediction.vertices[index].double().cpu().numpy()
@@ -87,12 +88,3 @@ def rows(
             )
         )
     return pictures
-
-
-def _enlarge(image: torch.Tensor, panel: int) -> UInt8[np.ndarray, "height width 3"]:
-    pixels = image if image.dtype == torch.uint8 else (image * 255).round().clamp(0, 255)
-    array = pixels.to(torch.uint8).permute(1, 2, 0).cpu().numpy()
-    enlarged: UInt8[np.ndarray, "height width 3"] = np.asarray(
-        cv2.resize(array, (panel, panel), interpolation=cv2.INTER_LINEAR), dtype=np.uint8
-    )
-    return enlarged

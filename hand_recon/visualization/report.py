@@ -20,6 +20,16 @@ SCORES = {
     "F@5": "F-score of aligned vertices at 5 mm",
     "F@15": "F-score of aligned vertices at 15 mm",
     "E_2D": "projected landmarks, pixels of a 224-pixel crop",
+    "PR": "hands that penetrate themselves deeper than 6 mm, %",
+    "ROM": "hands with a joint more than 22.5° outside its range of motion, %",
+    "ROM_degrees": "largest angle outside a range, mean over hands, degrees",
+    "coverage_1sigma": "share of errors within 1σ; calibrated is 0.683",
+    "coverage_2sigma": "share of errors within 2σ; calibrated is 0.954",
+    "ECE": "mean gap between nominal and true coverage, 0–1",
+    "rank_sigma_noise": "rank correlation of σ with the true noise of the labels",
+    "rank_sigma_error": "rank correlation of σ with the error",
+    "AUSE": "area between the sparsification curves by σ and by the error itself",
+    "sigma_median": "median of σ, pixels of a 224-pixel crop",
 }
 """What the scores mean, in the order in which they are shown; others follow in their own order."""
 
@@ -41,6 +51,8 @@ class Report:
     """Learning curves."""
     config: str
     """Resolved settings, YAML."""
+    figures: tuple[tuple[str, Path], ...] = ()
+    """Further pictures (PNG) with what each shows, in the order in which they are shown."""
 
 
 def write_report(report: Report, target: Path) -> None:
@@ -56,11 +68,13 @@ def write_report(report: Report, target: Path) -> None:
             if name in report.scores
         ],
         columns=COLUMNS,
-        overlays=[_embedded(path) for path in report.overlays],
-        curves=_embedded(report.curves) if report.curves else None,
+        overlays=[embedded(path) for path in report.overlays],
+        curves=embedded(report.curves) if report.curves else None,
+        figures=[(caption, embedded(path)) for caption, path in report.figures],
     )
     target.write_text(page, encoding="utf-8")
 
 
-def _embedded(path: Path) -> str:
+def embedded(path: Path) -> str:
+    """A PNG as the address of itself, for pages that open without a network."""
     return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

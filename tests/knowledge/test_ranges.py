@@ -8,9 +8,11 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
+from hand_recon.hand.anatomical_frame import angles_to_rotation, rotation_to_angles
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges, table_path
+from tests.tolerance import BATCH_SHAPES, assert_close
 
 BEND, SPLAY, TWIST = (AXES.index(axis) for axis in ("bend", "splay", "twist"))
 
@@ -89,10 +91,44 @@ def test_every_joint_flexes_farther_than_it_extends() -> None:
 
 
 @pytest.mark.parametrize("name", ["literature", "paper_release"])
-def test_every_number_names_a_source_that_the_table_explains(name: str) -> None:
+def test_every_bound_names_a_source_and_every_source_is_used(name: str) -> None:
     table = _table(name)
-    used = {str(table["joints"][joint][axis][2]) for joint in ARTICULATED for axis in AXES}
-    assert used <= set(table["sources"])
+    rows = [table["joints"][joint][axis] for joint in ARTICULATED for axis in AXES]
+    assert {len(row) for row in rows} <= {3, 4}
+    assert {str(source) for row in rows for source in row[2:]} == set(table["sources"])
+    assert all(len(text) > 20 for text in table["sources"].values())
+
+
+def test_the_means_of_latz_are_at_the_fingers_they_were_measured_on() -> None:
+    """The abstract's eight numbers a bound: flexion, extension, radial, ulnar deviation."""
+    measured = {
+        "index": (84.7, 25.9, 32.1, 22.6),
+        "middle": (84.8, 25.9, 28.8, 22.1),
+        "ring": (87.2, 22.8, 8.1, 32.3),
+        "little": (84.0, 32.1, 15.1, 54.6),
+    }
+    ranges = load_ranges("literature")
+    for finger, (flexion, extension, radial, ulnar) in measured.items():
+        assert _degrees(ranges, f"{finger} MCP", "bend") == (-extension, flexion)
+        assert _degrees(ranges, f"{finger} MCP", "splay") == (-ulnar, radial)
+
+
+def test_the_thumbs_metacarpal_has_the_totals_of_cooney() -> None:
+    ranges = load_ranges("literature")
+    for axis, total in (("bend", 53), ("splay", 42)):
+        lower, upper = _degrees(ranges, "thumb CMC", axis)
+        assert upper - lower == pytest.approx(total)
+
+
+@pytest.mark.parametrize("name", ["literature", "paper_release"])
+def test_ranges_are_those_of_a_hand(name: str) -> None:
+    """Fingers bend by 80 to 110 degrees, no joint goes beyond 110, and every range holds the neutral."""
+    ranges = load_ranges(name, torch.zeros(15, 3))
+    degrees = torch.stack([ranges.lower, ranges.upper]).rad2deg().round(decimals=3)
+    fingers = [i for i, joint in enumerate(ARTICULATED) if not joint.startswith("thumb")]
+    assert bool(((degrees[1, fingers, BEND] >= 80) & (degrees[1, fingers, BEND] <= 110)).all())
+    assert bool((degrees.abs() <= 110).all())
+    assert bool((degrees[0] <= 0).all() and (degrees[1] >= 0).all())
 
 
 def test_clamping_brings_every_pose_inside_and_leaves_the_inside_alone() -> None:
@@ -120,6 +156,48 @@ def test_a_table_that_counts_from_the_template_needs_the_rest_pose(tmp_path: Pat
         load_ranges(str(tmp_path / "mine.yaml"))
 
 
+def test_a_bound_may_have_a_source_of_its_own(tmp_path: Path) -> None:
+    path = _edited(tmp_path, "index PIP", "bend", [-5, 90, "latz", "textbook"])
+    assert _degrees(load_ranges(path), "index PIP", "bend") == (-5, 90)
+
+
+def test_a_left_hands_ranges_are_those_of_the_authors_left_table() -> None:
+    """Their BOF_LEFT is [−max, −min] for y and z, splay and bend, and as it is for x, twist."""
+    right = load_ranges("paper_release")
+    left = right.mirrored()
+    assert _degrees(left, "index MCP", "bend") == (-90, 30)
+    assert _degrees(left, "thumb CMC", "bend") == (-90, 20)
+    for axis in (BEND, SPLAY):
+        torch.testing.assert_close(left.lower[:, axis], -right.upper[:, axis])
+        torch.testing.assert_close(left.upper[:, axis], -right.lower[:, axis])
+    torch.testing.assert_close(left.lower[:, TWIST], right.lower[:, TWIST])
+
+
+@pytest.mark.parametrize("shape", BATCH_SHAPES)
+def test_mirroring_twice_is_no_mirroring(shape: tuple[int, ...]) -> None:
+    ends = torch.randn(2, *shape, 15, 3).sort(dim=0).values
+    ranges = RangeOfMotion(ends[0], ends[1])
+    again = ranges.mirrored().mirrored()
+    assert_close(again.lower, ranges.lower)
+    assert_close(again.upper, ranges.upper)
+
+
+def test_a_reflected_skeleton_stays_inside_the_mirrored_ranges_and_only_there() -> None:
+    """Reflecting every joint's rotation negates bend and splay and keeps twist, whatever the pose."""
+    ranges = load_ranges("literature")
+    ranges = RangeOfMotion(ranges.lower.double(), ranges.upper.double())
+    angles = torch.randn(200, 15, 3, dtype=torch.float64)
+    angles[100:] = ranges.clamp(angles[100:])
+    # Both hands' x axes point to the wrist: a reflection in x alone takes one hand's frames to the other's.
+    reflection = torch.diag(torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64))
+    folded = angles.clamp(-1.5, 1.5)  # Where the Euler angles of a rotation are unique.
+    left = rotation_to_angles(reflection @ angles_to_rotation(folded) @ reflection)
+    assert_close(left, folded * torch.tensor([-1.0, -1.0, 1.0], dtype=torch.float64))
+    inside = ranges.contains(folded)
+    assert 50 < int(inside.sum()) < 150
+    assert torch.equal(ranges.mirrored().contains(left), inside)
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [
@@ -127,6 +205,8 @@ def test_a_table_that_counts_from_the_template_needs_the_rest_pose(tmp_path: Pat
         ([0, 400, "latz"], "within ±180"),
         ([0, 10], "minimum, maximum, source"),
         ([0, 10, "hearsay"], "hearsay"),
+        ([0, 10, "latz", "hearsay"], "hearsay"),
+        ([0, 10, "latz", "latz", "latz"], "source of the minimum, source of the maximum"),
     ],
 )
 def test_a_bad_row_is_refused(tmp_path: Path, row: list[object], message: str) -> None:

@@ -26,6 +26,20 @@ def test_the_page_holds_its_pictures_and_asks_nothing_of_a_network(tmp_path: Pat
     assert not re.search(r"(src|href)=\"(?!data:)", page)
 
 
+def test_further_figures_are_shown_with_their_captions(tmp_path: Path) -> None:
+    picture = tmp_path / "a.png"
+    cv2.imwrite(str(picture), np.zeros((4, 4, 3), dtype=np.uint8))
+    report = Report(
+        title="t", scores={"PR": 1.5}, baseline={}, facts={}, overlays=(), curves=None, config="",
+        figures=(("Where it is <unsure>", picture), ("And where not", picture)),
+    )  # fmt: skip
+    write_report(report, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert page.index("<figcaption>Where it is &lt;unsure&gt;") < page.index("And where not")
+    assert "penetrate" in page
+
+
 def test_curves_are_drawn_from_lightnings_log(tmp_path: Path) -> None:
     log = tmp_path / "metrics.csv"
     log.write_text(

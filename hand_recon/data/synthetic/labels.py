@@ -20,6 +20,12 @@ _THINNEST: Final = 0.0075
 _DEEP: Final = 0.04
 """Metres in front of a joint at which its label is worst."""
 
+_HALF_SURE: Final = 5.0
+"""Reference pixels of noise at which a detector's confidence is ½."""
+
+_MISJUDGED: Final = 0.3
+"""Standard deviation of the logarithm of the noise that a detector believes in, over the true one."""
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -31,6 +37,8 @@ class Labels:
     """Which landmarks have one."""
     label_noise: Float[np.ndarray, " landmark=21"]
     """Standard deviation that the label was drawn with, pixels of the crop."""
+    confidence: Float[np.ndarray, " landmark=21"]
+    """A detector's score, 0–1: it follows the noise loosely, and knows nothing of outliers."""
 
 
 @cache
@@ -98,9 +106,11 @@ def sample_labels(
     """
     shallow, deep = level.noise_hidden
     hidden = shallow + (deep - shallow) * np.clip(depth / _DEEP, 0, 1)
-    deviation = np.where(depth > 0, hidden, level.noise_visible)
+    expected = np.where(depth > 0, hidden, level.noise_visible)
     outlier = random.random(len(clean)) < level.outliers
-    deviation = np.where(outlier, level.noise_outlier, deviation) * crop_size / REFERENCE_SIZE
+    deviation = np.where(outlier, level.noise_outlier, expected) * crop_size / REFERENCE_SIZE
     labelled = random.random(len(clean)) >= level.missing
     noisy = clean + deviation[:, None] * random.normal(size=clean.shape)
-    return Labels(np.where(labelled[:, None], noisy, np.nan), labelled, deviation)
+    believed = expected * np.exp(_MISJUDGED * random.normal(size=len(clean)))
+    confidence = 1 / (1 + (believed / _HALF_SURE) ** 2)
+    return Labels(np.where(labelled[:, None], noisy, np.nan), labelled, deviation, confidence)

@@ -28,26 +28,24 @@ from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import ROOT_JOINT
 from hand_recon.schema import HandGeometry
 
-_MOST_OVERLAP = 0.008
+_MOST_OVERLAP = 0.004
 """Metres by which the bones' capsules may press into each other; flesh gives way."""
 
 _TRIES = 12
 
 
 @dataclass(frozen=True)
-class SyntheticHand:
-    """Everything that is known of one picture; fields as in `HandSample` and `HandParameters`."""
+class SyntheticView:
+    """What is known of one view of a hand without its pixels; names as in `HandSample`, `HandParameters`."""
 
-    image: UInt8[np.ndarray, "height width 3"]
-    """RGB."""
-    mask: Bool[np.ndarray, "height width"]
-    """Pixels that show the hand or its forearm's skin."""
     landmarks_2d: Float[np.ndarray, "landmark=21 2"]
-    """Labels, pixels of the crop; NaN without a label; true projections in the test split."""
+    """Labels, pixels of the crop; NaN without a label; true projections where the recipe says so."""
     labelled: Bool[np.ndarray, " landmark=21"]
     """Which landmarks have a label."""
     label_noise: Float[np.ndarray, " landmark=21"]
     """Standard deviation of the labels, pixels of the crop."""
+    confidence: Float[np.ndarray, " landmark=21"]
+    """A detector's score for each landmark, 0–1."""
     occluded: Bool[np.ndarray, " landmark=21"]
     """Which landmarks are hidden or outside the picture."""
     landmarks_3d: Float[np.ndarray, "landmark=21 3"]
@@ -64,9 +62,27 @@ class SyntheticHand:
     """Metres."""
 
 
+@dataclass(frozen=True)
+class SyntheticHand(SyntheticView):
+    """Everything that is known of one picture."""
+
+    image: UInt8[np.ndarray, "height width 3"]
+    """RGB."""
+    mask: Bool[np.ndarray, "height width"]
+    """Pixels that show the hand or its forearm's skin."""
+
+
 @cache
 def _model(landmarks: str) -> HandModel:
     return open_hand(landmarks)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What stands before the camera."""
+
+    surfaces: tuple[Surface, ...]
+    rays: RayScene
 
 
 def synthetic_hand(recipe: Recipe, index: int, appearance: int = 0) -> SyntheticHand:
@@ -77,6 +93,19 @@ def synthetic_hand(recipe: Recipe, index: int, appearance: int = 0) -> Synthetic
         index: Which picture.
         appearance: Other numbers give the same hand with another light, skin and background.
     """
+    view, scene = _view_and_scene(recipe, index)
+    image, mask = paint_picture(
+        recipe, (index, appearance), scene.surfaces, scene.rays, view.intrinsics
+    )
+    return SyntheticHand(**vars(view), image=image, mask=mask)
+
+
+def synthetic_view(recipe: Recipe, index: int) -> SyntheticView:
+    """The same without its pixels: what a landmark detector would leave of it, and the truth."""
+    return _view_and_scene(recipe, index)[0]
+
+
+def _view_and_scene(recipe: Recipe, index: int) -> tuple[SyntheticView, _Scene]:
     angles, shape, geometry = _sample_hand(recipe, index)
     landmarks = geometry.landmarks.numpy().astype(float)
     view = sample_view(recipe.random(index, "view"), recipe.level, recipe.crop_size, landmarks)
@@ -89,14 +118,12 @@ def synthetic_hand(recipe: Recipe, index: int, appearance: int = 0) -> Synthetic
         recipe.random(index, "labels"), recipe.level, clean, depth, recipe.crop_size
     )
     outside = ((clean < 0) | (clean > recipe.crop_size)).any(axis=1)
-    image, mask = paint_picture(recipe, (index, appearance), surfaces, scene, view.intrinsics)
-    test = recipe.held_out
-    return SyntheticHand(
-        image=image,
-        mask=mask,
-        landmarks_2d=clean if test else labels.landmarks_2d,
-        labelled=np.ones_like(labels.labelled) if test else labels.labelled,
-        label_noise=np.zeros_like(labels.label_noise) if test else labels.label_noise,
+    exact = recipe.clean_labels
+    known = SyntheticView(
+        landmarks_2d=clean if exact else labels.landmarks_2d,
+        labelled=np.ones_like(labels.labelled) if exact else labels.labelled,
+        label_noise=np.zeros_like(labels.label_noise) if exact else labels.label_noise,
+        confidence=np.ones_like(labels.confidence) if exact else labels.confidence,
         occluded=(depth > 0) | outside,
         landmarks_3d=landmarks_3d,
         intrinsics=view.intrinsics,
@@ -105,6 +132,7 @@ def synthetic_hand(recipe: Recipe, index: int, appearance: int = 0) -> Synthetic
         root_rotation=view.root_rotation,
         translation=view.translation,
     )
+    return known, _Scene(surfaces, scene)
 
 
 def _sample_hand(

@@ -26,7 +26,7 @@ from numpy.lib.format import open_memmap
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hand_recon.data.synthetic.picture import SyntheticHand, synthetic_hand
+from hand_recon.data.synthetic.picture import SyntheticView, synthetic_hand, synthetic_view
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.hand.open_hand import ASSET
 
@@ -34,10 +34,10 @@ CHUNK: Final = 64
 """Pictures that a worker renders between two reports; an interruption costs no more per worker."""
 
 COLUMNS: Final[tuple[str, ...]] = (
-    "landmarks_2d", "labelled", "label_noise", "occluded", "landmarks_3d", "intrinsics",
+    "landmarks_2d", "labelled", "label_noise", "confidence", "occluded", "landmarks_3d", "intrinsics",
     "joint_angles", "shape", "root_rotation", "translation",
 )  # fmt: skip
-"""What is stored of each picture besides its pixels; names as in `SyntheticHand`."""
+"""What is stored of each picture besides its pixels; names as in `SyntheticView`."""
 
 
 _NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py", "freihand_layout.py"})
@@ -78,7 +78,8 @@ def fingerprint(recipe: Recipe, size: int) -> str:
 
 def store_path(cache_dir: Path, recipe: Recipe, size: int) -> Path:
     """Where the pictures of a recipe live."""
-    name = f"synthetic_{recipe.level.name}_{recipe.split}_{size}x{recipe.crop_size}px"
+    resolution = f"x{recipe.crop_size}px" if recipe.pictures else "_views"
+    name = f"synthetic_{recipe.level.name}_{recipe.split}_{size}{resolution}"
     return cache_dir / f"{name}_{fingerprint(recipe, size)}"
 
 
@@ -120,7 +121,7 @@ def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
     growing = path.with_name(path.name + ".partial")
     growing.mkdir(exist_ok=True)
     images = growing / "images.npy"
-    if not images.is_file():
+    if recipe.pictures and not images.is_file():
         shape = (size, 3, recipe.crop_size, recipe.crop_size)
         open_memmap(images.with_suffix(".new"), "w+", np.uint8, shape).flush()
         images.with_suffix(".new").rename(images)
@@ -129,7 +130,8 @@ def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
     ]
     missing = [chunk for chunk in chunks if not chunk.path.is_file()]
     began = time.perf_counter()
-    with _progress(f"{size} {recipe.level.name} {recipe.split} hands", size) as advance:
+    what = "hands" if recipe.pictures else "views"
+    with _progress(f"{size} {recipe.level.name} {recipe.split} {what}", size) as advance:
         advance(size - sum(chunk.stop - chunk.start for chunk in missing))
         _render_all(missing, workers, advance)
     seconds = time.perf_counter() - began
@@ -185,13 +187,17 @@ def _one_thread() -> None:
 
 def _render_chunk(chunk: _Chunk) -> int:
     """Render a chunk into the store; returns how many pictures that was."""
-    images = np.load(chunk.folder / "images.npy", mmap_mode="r+")
-    hands = []
-    for index in range(chunk.start, chunk.stop):
-        hand = synthetic_hand(chunk.recipe, index)
-        images[index] = hand.image.transpose(2, 0, 1)
-        hands.append(hand)
-    images.flush()
+    indices = range(chunk.start, chunk.stop)
+    hands: list[SyntheticView] = []
+    if chunk.recipe.pictures:
+        images = np.load(chunk.folder / "images.npy", mmap_mode="r+")
+        for index in indices:
+            hand = synthetic_hand(chunk.recipe, index)
+            images[index] = hand.image.transpose(2, 0, 1)
+            hands.append(hand)
+        images.flush()
+    else:
+        hands += [synthetic_view(chunk.recipe, index) for index in indices]
     unfinished = chunk.path.with_suffix(f".{os.getpid()}")
     with unfinished.open("wb") as stream:
         _save(stream, {name: _column(hands, name) for name in COLUMNS})
@@ -203,7 +209,7 @@ def _save(stream: BinaryIO, columns: dict[str, np.ndarray]) -> None:
     np.savez(stream, allow_pickle=False, **columns)
 
 
-def _column(hands: list[SyntheticHand], name: str) -> np.ndarray:
+def _column(hands: list[SyntheticView], name: str) -> np.ndarray:
     values = np.stack([getattr(hand, name) for hand in hands])
     return values if values.dtype == bool else values.astype(np.float32)
 

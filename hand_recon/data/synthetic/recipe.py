@@ -26,6 +26,9 @@ class Recipe:
     """Of the whole set."""
     landmarks: str = "knuckle"
     """The hand's landmark set."""
+    pictures: bool = True
+    """Whether there are pictures. Without, landmarks are all there is to see, and are noisy in the test
+    split too, as a detector's are."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be rendered.
@@ -39,6 +42,11 @@ class Recipe:
             raise ValueError(f"crop_size must be at least 16 pixels, found {self.crop_size}.")
         if self.seed < 0:
             raise ValueError(f"The seed must not be negative, found {self.seed}.")
+
+    @property
+    def clean_labels(self) -> bool:
+        """Whether labels are true projections rather than what an annotator or detector gives."""
+        return self.held_out and self.pictures
 
     @property
     def held_out(self) -> bool:

@@ -1,0 +1,146 @@
+"""Hands in CSV: one row per hand, or one row per landmark.
+
+One row per hand: columns `u0, v0, …, u20, v20`, and for every landmark also `c0 …` (a third number as in
+JSON), `confidence0 …` or `sigma0 …`, if wanted. One row per landmark: `hand, landmark, u, v`, and
+`confidence` or `sigma`, if wanted; the landmark by its number or by its name in
+`hand_recon.hand.skeleton.LANDMARKS`, those without a row are missing. Either may have `side`, `name` and
+`image`. An empty cell is a missing number. Columns are separated by commas, semicolons or tabs.
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from hand_recon.data.parsed_landmarks import ParsedHands, read_side
+from hand_recon.hand.skeleton import LANDMARKS
+
+Rows = list[list[str]]
+
+_EXPECTED: Final = (
+    "expected one row per hand with columns u0, v0, …, u20, v20 (and c0 …, confidence0 … or sigma0 …), or "
+    "one row per landmark with columns hand, landmark, u, v (and confidence or sigma)"
+)
+
+
+def parse_csv(path: Path, text: str) -> ParsedHands:
+    """The hands of a table with a header.
+
+    Raises:
+        ValueError: Columns are missing, or a cell is not what its column holds.
+    """
+    header, rows = _table(path, text)
+    if header and not rows:
+        raise ValueError(f"{path} holds no hands; {_EXPECTED}.")
+    if {"hand", "landmark", "u", "v"} <= header.keys():
+        return _from_landmark_rows(path, header, rows)
+    if "u0" in header:
+        return _from_hand_rows(path, header, rows)
+    raise ValueError(f"{path} has the columns {list(header)[:12]}; {_EXPECTED}.")
+
+
+def _table(path: Path, text: str) -> tuple[dict[str, int], Rows]:
+    first = text.lstrip().partition("\n")[0]
+    delimiter = max(",;\t", key=first.count)
+    reader = csv.reader(io.StringIO(text.lstrip()), delimiter=delimiter, skipinitialspace=True)
+    titles = [title.strip().lower() for title in next(reader, [])]
+    header = {title: column for column, title in enumerate(titles)}
+    if len(header) < len(titles):
+        raise ValueError(f"{path} has two columns of one name among {titles[:12]}; {_EXPECTED}.")
+    rows = []
+    for row in reader:
+        if any(cell.strip() for cell in row):
+            if len(row) != len(titles):
+                raise ValueError(
+                    f"{path}, line {reader.line_num}: {len(row)} cells for {len(titles)} columns."
+                )
+            rows.append(row)
+    return header, rows
+
+
+def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
+    def columns(prefix: str) -> Float[np.ndarray, "hand landmark=21"]:
+        wanted = [f"{prefix}{landmark}" for landmark in range(21)]
+        lacking = [title for title in wanted if title not in header]
+        if lacking:
+            raise ValueError(f"{path} lacks the columns {lacking}; {_EXPECTED}.")
+        chosen = [header[title] for title in wanted]
+        return _numbers(path, [[row[column] for column in chosen] for row in rows]).reshape(-1, 21)
+
+    further = {name: f"{name}0" in header for name in ("c", "confidence", "sigma")}
+    return ParsedHands(
+        points=np.stack([columns("u"), columns("v")], axis=-1),
+        third=columns("c") if further["c"] else None,
+        confidence=columns("confidence") if further["confidence"] else None,
+        sigma=columns("sigma") if further["sigma"] else None,
+        sides=_sides(path, _cells(header, rows, "side")),
+        names=_cells(header, rows, "name"),
+        images=_cells(header, rows, "image"),
+    )
+
+
+def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
+    called = [row[header["hand"]].strip() for row in rows]
+    hands = {name: position for position, name in enumerate(dict.fromkeys(called))}
+    landmarks = _landmarks(path, [row[header["landmark"]] for row in rows])
+    place = np.array([hands[name] for name in called], dtype=np.int64) * 21 + landmarks
+    taken, counts = np.unique(place, return_counts=True)
+    if (counts > 1).any():
+        hand, landmark = divmod(int(taken[counts > 1][0]), 21)
+        raise ValueError(
+            f"{path}: hand {list(hands)[hand]!r} has the landmark {LANDMARKS[landmark]!r} (number "
+            f"{landmark}) more than once; expected one row for each."
+        )
+
+    def spread(title: str) -> Float[np.ndarray, "hand landmark=21"]:
+        values = np.full(len(hands) * 21, np.nan)
+        values[place] = _numbers(path, [[row[header[title]]] for row in rows])[:, 0]
+        return values.reshape(-1, 21)
+
+    first = dict(zip(reversed(called), reversed(rows), strict=True))
+    one_each = [first[name] for name in hands]
+    return ParsedHands(
+        points=np.stack([spread("u"), spread("v")], axis=-1),
+        confidence=spread("confidence") if "confidence" in header else None,
+        sigma=spread("sigma") if "sigma" in header else None,
+        sides=_sides(path, _cells(header, one_each, "side")),
+        names=_cells(header, one_each, "name") or list(hands),
+        images=_cells(header, one_each, "image"),
+    )
+
+
+def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
+    try:
+        values = [[float(cell) if cell.strip() else np.nan for cell in row] for row in cells]
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: a cell is not a number ({error}); leave missing ones empty."
+        ) from error
+    return np.array(values, dtype=np.float64).reshape(len(cells), -1)
+
+
+def _landmarks(path: Path, cells: Sequence[str]) -> np.ndarray:
+    """Numbers of landmarks that are called by number or by name."""
+    known = {str(number): number for number in range(21)}
+    known |= {name.lower(): number for number, name in enumerate(LANDMARKS)}
+    keys = [cell.strip().lower() for cell in cells]
+    for key in keys:
+        if key not in known:
+            raise ValueError(
+                f"{path}: unknown landmark {key!r}; expected 0 to 20 or one of {list(LANDMARKS)}."
+            )
+    return np.array([known[key] for key in keys], dtype=np.int64)
+
+
+def _cells(header: dict[str, int], rows: Rows, title: str) -> list[str | None]:
+    if title not in header:
+        return []
+    return [row[header[title]].strip() or None for row in rows]
+
+
+def _sides(path: Path, cells: Sequence[str | None]) -> list[str | None]:
+    return [read_side(f"{path}: hand {hand}", cell) for hand, cell in enumerate(cells)]

@@ -1,0 +1,105 @@
+"""Reads 2D landmarks of hands from a file, whatever wrote it; the format is told by the content.
+
+Points are pixels of the image, 21 per hand in FreiHAND's order (`hand_recon.hand.skeleton.LANDMARKS`) unless
+another is named. Pixel i covers [i, i + 1), so a detector that counts from pixel centres is half a pixel off.
+
+JSON
+    A list of N hands of 21 points, each `[u, v]`, `[u, v, c]` or `null` if it is missing; `c` is a
+    confidence or σ in pixels, which applies to the whole file. One hand alone need not be nested. A hand that
+    was not found is `null`.
+
+    A list of N objects (or one) that say more: `landmarks` as above and, if wanted, `side` (or
+    `handedness`), `image`, `name`, `intrinsics` (or `K`), `confidence` and `sigma` (21 numbers each;
+    σ also as 21 pairs). Other keys are left unread with a warning. `fit.json` is such a list.
+
+    COCO's keypoint format (`hand_recon.data.coco_keypoints`).
+
+CSV
+    One row per hand or one per landmark (`hand_recon.data.landmark_csv`).
+
+A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what they did not find.
+"""
+
+import dataclasses
+import json
+import logging
+from pathlib import Path
+
+from hand_recon.data.camera_files import read_intrinsics
+from hand_recon.data.coco_keypoints import is_coco, parse_coco
+from hand_recon.data.landmark_csv import parse_csv
+from hand_recon.data.landmark_json import LANDMARK_KEYS, parse_objects, parse_points
+from hand_recon.data.landmark_set import FEWEST, LandmarkSet
+from hand_recon.data.parsed_landmarks import Assumptions, ParsedHands, to_landmark_set
+
+logger = logging.getLogger(__name__)
+
+
+def read_landmarks(
+    path: str | Path,
+    intrinsics: str | Path | None = None,
+    assumed: Assumptions | None = None,
+) -> LandmarkSet:
+    """Landmarks of N hands.
+
+    Args:
+        path: JSON or CSV, see above.
+        intrinsics: Camera matrices of the images, one or one per hand; they go before those in the file.
+        assumed: What is taken for granted where the file does not say it.
+
+    Raises:
+        FileNotFoundError: A file is missing.
+        ValueError: A file cannot be parsed, or its numbers cannot be landmarks or cameras.
+    """
+    path = Path(path).expanduser()
+    text = _text(path)
+    is_json = text.lstrip().startswith(("[", "{"))
+    parsed = _parse_json(path, text) if is_json else parse_csv(path, text)
+    if intrinsics is not None and len(parsed.points):
+        if parsed.intrinsics is not None:
+            logger.warning("%s has cameras too; those of %s are taken.", path, intrinsics)
+        cameras = read_intrinsics(Path(intrinsics).expanduser(), len(parsed.points))
+        parsed = dataclasses.replace(parsed, intrinsics=cameras)
+    landmarks = to_landmark_set(path, parsed, assumed or Assumptions())
+    poor = [name for name, good in zip(landmarks.names, landmarks.usable, strict=True) if not good]
+    if poor:
+        logger.warning(
+            "%s: %d of %d hands have fewer than %d labelled landmarks, or all in one place; the first: %s.",
+            path, len(poor), len(landmarks), FEWEST, poor[:5],
+        )  # fmt: skip
+    return landmarks
+
+
+def _text(path: Path) -> str:
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"No landmarks at {path}. Give a JSON list of hands of 21 points [u, v], COCO keypoints or CSV."
+        )
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not text ({error}); expected JSON or CSV.") from error
+
+
+def _parse_json(path: Path, text: str) -> ParsedHands:
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is not complete JSON ({error}). It may be cut off, or be JSON lines: put all hands into "
+            "one list."
+        ) from error
+    if is_coco(content):
+        return parse_coco(path, content)
+    if isinstance(content, dict):
+        if not any(key in content for key in LANDMARK_KEYS):
+            raise ValueError(
+                f"{path} is an object with the keys {sorted(content)[:10]}; expected a list of hands, an "
+                "object with `landmarks`, or COCO's with `annotations`."
+            )
+        content = [content]
+    if not content:
+        raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
+    if any(isinstance(entry, dict) for entry in content):
+        return parse_objects(path, content)
+    return parse_points(path, content)

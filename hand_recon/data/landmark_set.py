@@ -1,0 +1,152 @@
+"""2D landmarks of hands as a detector leaves them, in pixels of whole images (what Sec. 3.3 is fitted to)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+FEWEST: Final = 4
+"""Labelled landmarks without which a hand's place and size are anybody's guess."""
+
+
+@dataclass(frozen=True)
+class LandmarkSet:
+    """Landmarks of N hands, in double precision, one camera per hand where cameras are known.
+
+    Pixel i covers [i, i + 1), as everywhere in the project.
+    """
+
+    landmarks_2d: Float[Tensor, "hand landmark=21 2"]
+    """Pixels of the image; NaN where there is no label."""
+    labelled: Bool[Tensor, "hand landmark=21"]
+    """Which landmarks have a label."""
+    left: Bool[Tensor, " hand"]
+    """Which hands are left ones."""
+    names: tuple[str, ...]
+    """What each hand is called: its image's file name, or its position in the file."""
+    sigma: Float[Tensor, "hand landmark=21"] | None = None
+    """Standard deviation of each label, pixels of the image; NaN where unknown."""
+    confidence: Float[Tensor, "hand landmark=21"] | None = None
+    """How sure the detector was, from 0 to 1; NaN where unknown."""
+    intrinsics: Float[Tensor, "hand 3 3"] | None = None
+    """Camera matrices, pixels of the image; none if the cameras are unknown."""
+    images: tuple[Path | None, ...] = field(default=())
+    """The picture of each hand, where the file names one; made as long as `names`."""
+
+    def __post_init__(self) -> None:
+        if not self.images:
+            object.__setattr__(self, "images", (None,) * len(self.names))
+        lengths = {len(self.landmarks_2d), len(self.names), len(self.images)}
+        if lengths != {len(self.landmarks_2d)}:
+            raise ValueError(
+                f"{len(self.landmarks_2d)} hands have {len(self.names)} names and "
+                f"{len(self.images)} images; expected one of each per hand."
+            )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def usable(self) -> Bool[Tensor, " hand"]:
+        """Hands with `FEWEST` labelled landmarks or more that do not all coincide."""
+        low, high = boxes(self)
+        return (self.labelled.sum(dim=-1) >= FEWEST) & ((high - low).amax(dim=-1) > 0)
+
+    def select(self, hands: slice | Tensor) -> "LandmarkSet":
+        """Some of the hands.
+
+        Args:
+            hands: A slice, a mask over the hands or their positions.
+        """
+        chosen = torch.arange(len(self))[hands].tolist()
+        return replace(
+            self,
+            landmarks_2d=self.landmarks_2d[chosen],
+            labelled=self.labelled[chosen],
+            left=self.left[chosen],
+            names=tuple(self.names[hand] for hand in chosen),
+            sigma=None if self.sigma is None else self.sigma[chosen],
+            confidence=None if self.confidence is None else self.confidence[chosen],
+            intrinsics=None if self.intrinsics is None else self.intrinsics[chosen],
+            images=tuple(self.images[hand] for hand in chosen),
+        )
+
+    def parts(self, size: int) -> Iterator["LandmarkSet"]:
+        """The hands in their order, so many at a time."""
+        for start in range(0, len(self), size):
+            yield self.select(slice(start, start + size))
+
+
+def boxes(
+    landmarks: LandmarkSet,
+) -> tuple[Float[Tensor, "hand 2"], Float[Tensor, "hand 2"]]:
+    """The least and the greatest coordinates of the labelled landmarks, pixels.
+
+    A hand without any has a box of no size at its image's origin.
+    """
+    labelled = landmarks.labelled[..., None]
+    low = torch.where(labelled, landmarks.landmarks_2d, torch.inf).amin(dim=1)
+    high = torch.where(labelled, landmarks.landmarks_2d, -torch.inf).amax(dim=1)
+    seen = landmarks.labelled.any(dim=1)[:, None]
+    return torch.where(seen, low, 0.0), torch.where(seen, high, 0.0)
+
+
+def mirror_matrices(
+    landmarks: LandmarkSet, which: Bool[Tensor, " hand"]
+) -> Float[Tensor, "hand 3 3"]:
+    """Image → mirrored image of some hands, the identity for the others.
+
+    The axis goes through the principal point where the camera is known, so that the mirrored camera is the
+    same one, and through the middle of the landmarks' box where it is not. Mirrored landmarks have the same
+    axis: the matrices are their own inverse.
+    """
+    if landmarks.intrinsics is not None:
+        axis = landmarks.intrinsics[:, 0, 2]
+    else:
+        low, high = boxes(landmarks)
+        axis = (low[:, 0] + high[:, 0]) / 2
+    matrices = torch.eye(3, dtype=axis.dtype).repeat(len(landmarks), 1, 1)
+    matrices[:, 0, 0] = torch.where(which, -1.0, 1.0)
+    matrices[:, 0, 2] = torch.where(which, 2 * axis, 0.0)
+    return matrices
+
+
+def mirror(landmarks: LandmarkSet, which: Bool[Tensor, " hand"]) -> LandmarkSet:
+    """Some hands seen in a mirror: left ones become right ones and the other way round.
+
+    With the camera goes x → −x, so that a mirrored hand in 3D projects to its mirrored landmarks. Twice the
+    same is as if nothing had been done. Image files stay as they are.
+    """
+    matrices = mirror_matrices(landmarks, which)
+    intrinsics = landmarks.intrinsics
+    return replace(
+        landmarks,
+        landmarks_2d=move_points(landmarks.landmarks_2d, matrices),
+        left=landmarks.left ^ which,
+        intrinsics=None if intrinsics is None else mirror_camera(matrices @ intrinsics, which),
+    )
+
+
+def mirror_left(landmarks: LandmarkSet) -> LandmarkSet:
+    """All hands as right hands; `mirror(result, landmarks.left)` undoes it."""
+    return mirror(landmarks, landmarks.left)
+
+
+def move_points(
+    points: Float[Tensor, "hand point 2"], matrices: Float[Tensor, "hand 3 3"]
+) -> Float[Tensor, "hand point 2"]:
+    """Points through one affine matrix per hand; NaN stays NaN."""
+    return points @ matrices[:, :2, :2].mT + matrices[:, None, :2, 2]
+
+
+def mirror_camera(
+    matrices: Float[Tensor, "hand *rows 3"], which: Bool[Tensor, " hand"]
+) -> Float[Tensor, "hand *rows 3"]:
+    """Some hands with x → −x in the camera's frame: points, or matrices that act on points from the left."""
+    sign = torch.ones(len(which), 3, dtype=matrices.dtype, device=matrices.device)
+    sign[which.to(matrices.device), 0] = -1.0
+    return matrices * sign.reshape(len(which), *(1,) * (matrices.ndim - 2), 3)

@@ -1,0 +1,221 @@
+"""What every format of landmark files is parsed to, and the checks that turn it into a `LandmarkSet`."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+
+from hand_recon.data.landmark_set import LandmarkSet
+from hand_recon.hand.skeleton import landmark_permutation
+
+logger = logging.getLogger(__name__)
+
+THIRD: Final = ("auto", "confidence", "sigma")
+"""What the third number of a point can be taken for."""
+
+SIDES: Final = ("left", "right")
+"""What a hand's side can be called."""
+
+
+@dataclass(frozen=True)
+class ParsedHands:
+    """The contents of a file of N hands, unchecked; NaN is what the file leaves out."""
+
+    points: Float[np.ndarray, "hand landmark=21 2"]
+    """Pixels of the image, in the file's order of landmarks."""
+    third: Float[np.ndarray, "hand landmark=21"] | None = None
+    """A third number whose meaning the file does not tell."""
+    confidence: Float[np.ndarray, "hand landmark=21"] | None = None
+    """Scores from 0 to 1."""
+    sigma: Float[np.ndarray, "hand landmark=21"] | None = None
+    """Standard deviations, pixels of the image."""
+    intrinsics: Float[np.ndarray, "hand 3 3"] | None = None
+    """Camera matrices."""
+    sides: Sequence[str | None] = ()
+    """`left`, `right` or not told, for each hand; empty if none is told."""
+    names: Sequence[str | None] = ()
+    """What the file calls each hand; empty if it names none."""
+    images: Sequence[str | None] = ()
+    """The picture of each hand as the file has it; empty if it names none."""
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What is taken for granted where a file does not say it.
+
+    Raises:
+        ValueError: A value is not among those that are known.
+    """
+
+    third: str = "auto"
+    """One of `THIRD`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
+    side: str = "right"
+    """Which hands they are where the file does not tell."""
+    order: str = "freihand"
+    """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
+    images: Path | None = None
+    """Folder of the pictures, if it is not that of the file."""
+
+    def __post_init__(self) -> None:
+        if self.third not in THIRD:
+            raise ValueError(f"Unknown third number {self.third!r}; choose one of {list(THIRD)}.")
+        if self.side not in SIDES:
+            raise ValueError(f"Unknown side {self.side!r}; choose one of {list(SIDES)}.")
+        landmark_permutation(self.order, "freihand")
+
+
+def read_side(where: str, value: object) -> str | None:
+    """A side as files write it.
+
+    Args:
+        where: File and hand, for the message.
+        value: Any capitals; nothing, or an empty text, is an unknown side.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if value is None or value == "":
+        return None
+    side = str(value).strip().lower()
+    if side not in SIDES:
+        raise ValueError(f"{where} has the side {value!r}; expected one of {list(SIDES)}.")
+    return side
+
+
+def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> LandmarkSet:
+    """Check what was parsed, and put the landmarks into the project's order.
+
+    Args:
+        path: The file, for messages.
+        parsed: Its contents.
+        assumed: What it does not say.
+
+    Raises:
+        ValueError: There are no hands, or numbers that cannot be landmarks in pixels.
+    """
+    hands = len(parsed.points)
+    if hands == 0:
+        raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
+    confidence, sigma = _told_apart(path, parsed, assumed.third)
+    labelled = np.isfinite(parsed.points).all(axis=-1)
+    if confidence is not None:
+        # Detectors write (0, 0) with confidence 0 for what they did not find.
+        labelled &= ~(confidence == 0)
+    _check_points(path, parsed.points, labelled)
+    confidence, sigma = _where(labelled, confidence), _where(labelled, sigma)
+    _check_confidence(path, confidence)
+    _check_sigma(path, sigma)
+    order = list(landmark_permutation(assumed.order, "freihand"))
+    points = np.where(labelled[..., None], parsed.points, np.nan)
+    root = assumed.images or path.parent
+    images = tuple(root / image if image else None for image in parsed.images)
+    named = parsed.names or (None,) * hands
+    shown = parsed.images or (None,) * hands
+    names = (
+        name or image or str(n) for n, (name, image) in enumerate(zip(named, shown, strict=True))
+    )
+    return LandmarkSet(
+        landmarks_2d=torch.from_numpy(points[:, order]),
+        labelled=torch.from_numpy(labelled[:, order]),
+        left=_which_left(path, parsed.sides, hands, assumed.side),
+        names=tuple(names),
+        sigma=None if sigma is None else torch.from_numpy(sigma[:, order]),
+        confidence=None if confidence is None else torch.from_numpy(confidence[:, order]),
+        intrinsics=None if parsed.intrinsics is None else torch.from_numpy(parsed.intrinsics),
+        images=images,
+    )  # fmt: skip
+
+
+def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
+    """Stop if any hand is wrong, and name the first of them.
+
+    Raises:
+        ValueError: One is.
+    """
+    if wrong.any():
+        first = ", ".join(str(hand) for hand in np.flatnonzero(wrong)[:5])
+        raise ValueError(
+            f"{path}: {int(wrong.sum())} of {len(wrong)} hands have {what} Counted from 0: {first}."
+        )
+
+
+def _told_apart(
+    path: Path, parsed: ParsedHands, meaning: str
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Confidence and σ, once it is settled which of the two the third number is."""
+    confidence, sigma, third = parsed.confidence, parsed.sigma, parsed.third
+    if third is None or np.isnan(third).all():
+        return confidence, sigma
+    if meaning == "auto":
+        within = bool(((third >= 0) & (third <= 1))[~np.isnan(third)].all())
+        meaning = "confidence" if within else "sigma"
+        range_found = "all lie in [0, 1]" if within else "do not all lie in [0, 1]"
+        logger.info(
+            "%s: the third numbers %s and are read as %s; say third=confidence or third=sigma if you know "
+            "better.",
+            path, range_found, "confidences" if within else "standard deviations in pixels",
+        )  # fmt: skip
+    return (third, sigma) if meaning == "confidence" else (confidence, third)
+
+
+def _check_points(
+    path: Path,
+    points: Float[np.ndarray, "hand landmark=21 2"],
+    labelled: Bool[np.ndarray, "hand landmark=21"],
+) -> None:
+    infinite = np.isinf(points).any(axis=(1, 2))
+    refuse(path, infinite, "infinite coordinates; write null for a landmark that is missing.")
+    halves = (np.isnan(points).sum(axis=-1) == 1).any(axis=-1)
+    refuse(
+        path, halves, "landmarks with one coordinate only; write both, or null for the landmark."
+    )
+    if labelled.any() and np.abs(points[labelled]).max() <= 2:
+        raise ValueError(
+            f"{path}: all coordinates lie within ±{np.abs(points[labelled]).max():.3g}, which are shares of "
+            "the image's size, as MediaPipe gives them, and not pixels. Multiply u by the image's width and "
+            "v by its height."
+        )
+
+
+def _check_confidence(path: Path, confidence: np.ndarray | None) -> None:
+    if confidence is not None:
+        outside = np.any((confidence < 0) | (confidence > 1), axis=-1)
+        refuse(
+            path, outside, "confidences outside [0, 1]; if they are σ in pixels, say third=sigma."
+        )
+
+
+def _check_sigma(path: Path, sigma: np.ndarray | None) -> None:
+    if sigma is not None:
+        wrong = (~(sigma > 0) & ~np.isnan(sigma)) | np.isinf(sigma)
+        refuse(
+            path, np.any(wrong, axis=-1),
+            "a σ that is not positive and finite. σ is in pixels; null stands for unknown. A depth, such as "
+            "MediaPipe's z, is neither σ nor confidence: leave it out.",
+        )  # fmt: skip
+
+
+def _where(labelled: np.ndarray, values: np.ndarray | None) -> np.ndarray | None:
+    """The values of labelled landmarks; none if there is not a single one."""
+    if values is None:
+        return None
+    kept = np.where(labelled, values, np.nan)
+    return None if np.isnan(kept).all() else kept
+
+
+def _which_left(
+    path: Path, sides: Sequence[str | None], hands: int, assumed: str
+) -> Bool[torch.Tensor, " hand"]:
+    unknown = hands - sum(side is not None for side in sides)
+    if unknown:
+        logger.info(
+            "%s: the side of %d of %d hands is not told; they are taken for %s hands (side=%s).",
+            path, unknown, hands, assumed, assumed,
+        )  # fmt: skip
+    known = [side or assumed for side in sides] or [assumed] * hands
+    return torch.tensor([side == "left" for side in known])

@@ -1,0 +1,76 @@
+"""Crops around landmarks, turned so that the fingers point up: one view of what a detector found.
+
+A lifter need not learn what a rotation or a scaling of the picture does, since nothing is lost by undoing it first.
+"""
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from hand_recon.data.augment import CropMotion
+from hand_recon.hand.skeleton import LANDMARKS
+
+FILL = 0.7
+"""Side of the landmarks' bounding square in the new crop, as a share of the crop's."""
+
+_KNUCKLES = tuple(i for i, name in enumerate(LANDMARKS) if name.endswith("MCP") and i > 4)
+_BEYOND = tuple(i for i, name in enumerate(LANDMARKS) if i > 4 and not name.endswith("MCP"))
+_WRIST = (LANDMARKS.index("wrist"),)
+
+
+def upright_motion(
+    landmarks_2d: Float[Tensor, "batch landmark=21 2"],
+    labelled: Bool[Tensor, "batch landmark=21"],
+    crop_size: int,
+) -> CropMotion:
+    """How each crop moves so that its landmarks are in its middle, of one size, with the fingers up.
+
+    Up is from the wrist to the knuckles; without a wrist, from the knuckles to what lies beyond them; without
+    these, up stays up.
+
+    Args:
+        landmarks_2d: Pixels of the crop; anything where not labelled.
+        labelled: Which landmarks there are.
+        crop_size: Side of the crop, pixels; the new one is as large.
+    """
+    place = landmarks_2d.masked_fill(~labelled[..., None], 0.0)
+    roll = _camera_roll(_direction_up(place, labelled))
+    turned = place @ roll[:, :2, :2].mT
+    missing = ~labelled[..., None]
+    high = turned.masked_fill(missing, -torch.inf).amax(dim=1)
+    low = turned.masked_fill(missing, torch.inf).amin(dim=1)
+    none = ~labelled.any(dim=1)[:, None]
+    middle = ((high + low) / 2).masked_fill(none, crop_size / 2)
+    # One landmark alone has no size; a pixel keeps the scale finite.
+    extent = (high - low).amax(dim=1).masked_fill(none[:, 0], FILL * crop_size).clamp(min=1.0)
+    scale = FILL * crop_size / extent
+    pixels = torch.eye(3, dtype=place.dtype, device=place.device).repeat(len(place), 1, 1)
+    pixels[:, :2, :2] = scale[:, None, None] * roll[:, :2, :2]
+    pixels[:, :2, 2] = crop_size / 2 - scale[:, None] * middle
+    return CropMotion(pixels=pixels, camera=roll, scale=scale)
+
+
+def _direction_up(place: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
+    """Where the fingers point, in pixels; upwards (0, −1) where nobody can tell."""
+    up = place.new_tensor([0.0, -1.0]).expand(len(place), 2)
+    for start, end in ((_KNUCKLES, _BEYOND), (_WRIST, _KNUCKLES)):
+        known = labelled[:, start].any(dim=1) & labelled[:, end].any(dim=1)
+        ahead = _mean(place, labelled, end) - _mean(place, labelled, start)
+        known = known & (ahead.norm(dim=-1) > 0)
+        up = torch.where(known[:, None], ahead, up)
+    return torch.nn.functional.normalize(up, dim=-1)
+
+
+def _mean(place: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
+    count = labelled[:, which].sum(dim=1, keepdim=True).clamp(min=1)
+    return place[:, which].sum(dim=1) / count
+
+
+def _camera_roll(up: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 3 3"]:
+    """The rotation about the optical axis that takes a direction of the image to (0, −1)."""
+    sine, cosine = -up[:, 0], -up[:, 1]
+    roll = torch.zeros(len(up), 3, 3, dtype=up.dtype, device=up.device)
+    roll[:, 0, 0], roll[:, 0, 1] = cosine, sine
+    roll[:, 1, 0], roll[:, 1, 1] = -sine, cosine
+    roll[:, 2, 2] = 1
+    return roll

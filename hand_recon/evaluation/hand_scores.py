@@ -1,0 +1,85 @@
+"""All that is measured of a reconstruction, as far as the labels allow (Sec. 4.1)."""
+
+from typing import Any
+
+import torch
+from jaxtyping import Int
+from torch import Tensor, nn
+
+from hand_recon.camera import REFERENCE_SIZE
+from hand_recon.evaluation.calibration import Calibration
+from hand_recon.evaluation.landmarks_2d import Landmarks2D
+from hand_recon.evaluation.metrics import HandMetrics
+from hand_recon.evaluation.plausibility import Penetration, Plausibility
+from hand_recon.evaluation.scores import HandPoints
+from hand_recon.knowledge.ranges import RangeOfMotion
+from hand_recon.schema import HandBatch, HandPrediction
+
+
+class Scores(nn.Module):
+    """2D error, plausibility and calibration always; 3D errors where there is ground truth.
+
+    Args:
+        ranges: What a joint may do, for the violations; the same for every model that is compared.
+        non_penetration: `hand_recon.knowledge.physics.NonPenetration` of the hand, for the penetration rate;
+            none leaves it out.
+    """
+
+    def __init__(self, ranges: RangeOfMotion, non_penetration: Penetration | None) -> None:
+        super().__init__()
+        self.in_3d = HandMetrics()
+        self.in_2d = Landmarks2D()
+        self.plausibility = Plausibility(ranges, non_penetration)
+        self.calibration = Calibration()
+        self._has_3d = False
+        self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = torch.empty(0), {}
+
+    def update(self, batch: HandBatch, prediction: HandPrediction) -> None:
+        """Score a batch."""
+        self.in_2d.update(
+            prediction.landmarks_2d,
+            batch.landmarks_2d,
+            batch.labelled,
+            batch.index,
+            crop_size=batch.crop_size,
+        )
+        parameters = prediction.parameters
+        self.plausibility.update(parameters.joint_angles, prediction.vertices, batch.index)
+        to_reference = REFERENCE_SIZE / batch.crop_size
+        noise = batch.label_noise
+        self.calibration.update(
+            (prediction.landmarks_2d - batch.landmarks_2d) * to_reference,
+            prediction.log_sigma,
+            batch.labelled,
+            None if noise is None else noise * to_reference,
+            batch.index,
+        )
+        if batch.landmarks_3d is not None:
+            self._has_3d = True
+            vertices = None if batch.vertices is None else prediction.vertices
+            self.in_3d.update(
+                HandPoints(prediction.landmarks_3d, vertices),
+                HandPoints(batch.landmarks_3d, batch.vertices),
+                batch.index,
+            )
+
+    def compute(self) -> dict[str, float]:
+        """Every score by name; those of each hand stay in `last_per_hand` after a reset too."""
+        self.last_per_hand = self.per_hand()
+        in_3d = self.in_3d.compute() if self._has_3d else {}
+        return (
+            in_3d | self.in_2d.compute() | self.plausibility.compute() | self.calibration.compute()
+        )
+
+    def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Tensor]]:
+        """Indices of the distinct hands and their 3D scores, report units; empty without ground truth."""
+        if not self._has_3d:
+            return torch.empty(0, dtype=torch.int64), {}
+        return self.in_3d.per_hand()
+
+    def reset(self) -> None:
+        """Forget every hand."""
+        metrics: tuple[Any, ...] = (self.in_3d, self.in_2d, self.plausibility, self.calibration)
+        for metric in metrics:
+            metric.reset()
+        self._has_3d = False

@@ -1,0 +1,156 @@
+"""Where a fit starts: the palm's two placements that a picture cannot tell apart, in closed form.
+
+The wrist and the bases of the fingers move little against each other and lie nearly in a plane. Seen from far
+away, a plane leaves two answers: tilted towards the camera, or as far away from it. All that descent from a random
+start mostly finds is one of these (`docs/decisions.md`), so that both are computed and tried.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import AXES, LANDMARKS
+
+PALM: Final = tuple(
+    LANDMARKS.index(name)
+    for name in ("wrist", "thumb CMC", "index MCP", "middle MCP", "ring MCP", "little MCP")
+)
+"""Landmarks that hardly move against each other."""
+
+ELSEWHERE: Final = 0.02
+"""Weight of the other landmarks, against the palm's 1: they decide where the palm is hidden."""
+
+BENDS: Final = (0.3, 0.9)
+"""Bends of all joints to start from, radians: an open hand, then a half closed one."""
+
+SHALLOWEST: Final = 0.05
+"""Least distance of a start from the camera, metres."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Placements and poses to descend from."""
+
+    joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
+    """Radians."""
+    root_rotation: Float[Tensor, "*batch 3 3"]
+    """Hand's frame to camera's."""
+    translation: Float[Tensor, "*batch 3"]
+    """Of the hand's origin, metres, camera's frame."""
+
+
+def closed_form_starts(
+    hand: HandModel,
+    landmarks_2d: Float[Tensor, "batch landmark=21 2"],
+    labelled: Bool[Tensor, "batch landmark=21"],
+    intrinsics: Float[Tensor, "batch 3 3"],
+    count: int = 4,
+) -> Start:
+    """The first `count` of: both palm placements with open fingers, then both with half closed ones.
+
+    Args:
+        hand: The hand, for the form of its palm.
+        landmarks_2d: Pixels; anything where not labelled.
+        labelled: Which landmarks there are; at least three.
+        intrinsics: Camera matrix, the same pixels.
+        count: Starts per hand, 1 to 4.
+
+    Returns:
+        One start per hand and try: batch × count.
+
+    Raises:
+        ValueError: There are not so many starts.
+    """
+    most = 2 * len(BENDS)
+    if not 1 <= count <= most:
+        raise ValueError(f"A fit has 1 to {most} starts, found {count}.")
+    angles, placements = [], []
+    for bend in BENDS[: (count + 1) // 2]:
+        pose = torch.zeros_like(hand.rest_angles)
+        pose[:, AXES.index("bend")] = bend
+        points = hand(pose, hand.template.new_zeros(10)).landmarks.to(landmarks_2d)
+        placements += _both_placements(points, landmarks_2d, labelled, intrinsics)
+        angles += [pose.to(landmarks_2d)] * 2
+    rotation = torch.stack([rotation for rotation, _ in placements[:count]], dim=1)
+    translation = torch.stack([translation for _, translation in placements[:count]], dim=1)
+    pose = torch.stack(angles[:count]).expand(len(landmarks_2d), -1, -1, -1)
+    return Start(pose, rotation, translation)
+
+
+def _both_placements(
+    points: Float[Tensor, "landmark=21 3"],
+    landmarks_2d: Float[Tensor, "batch landmark=21 2"],
+    labelled: Bool[Tensor, "batch landmark=21"],
+    intrinsics: Float[Tensor, "batch 3 3"],
+) -> list[tuple[Tensor, Tensor]]:
+    """Rotation and translation of the palm's plane that fit the landmarks, in both ways."""
+    weights = points.new_full((21,), ELSEWHERE)
+    weights[list(PALM)] = 1.0
+    weights = weights * labelled
+    basis, centre = _plane(points[list(PALM)])
+    on_plane = (points - centre) @ basis[:, :2]
+    # Rays at unit depth, and then turned so that the middle of what is seen is straight ahead.
+    seen = torch.cat([landmarks_2d, torch.ones_like(landmarks_2d[..., :1])], dim=-1)
+    seen = seen.masked_fill(~labelled[..., None], 0.0)
+    rays = torch.linalg.solve(intrinsics, seen.mT).mT[..., :2]
+    linear, offset = _affine(on_plane, rays, weights)
+    rotations = _two_rotations(linear)
+    size = torch.linalg.matrix_norm(linear, ord=2).clamp(min=1e-6)
+    depth = (1 / size).clamp(min=SHALLOWEST)
+    middle = torch.cat([offset, torch.ones_like(depth)[:, None]], dim=-1) * depth[:, None]
+    found = []
+    for rotation in rotations:
+        root_rotation = rotation @ basis.mT
+        # The fit says where the palm's middle is; the hand's origin lies elsewhere.
+        found.append((root_rotation, middle - (root_rotation @ centre)))
+    return found
+
+
+def _plane(points: Float[Tensor, "point 3"]) -> tuple[Tensor, Tensor]:
+    """An orthonormal basis, one vector per column, the first two along the points' plane; and their mean."""
+    centre = points.mean(dim=0)
+    _, _, rows = torch.linalg.svd(points - centre)
+    basis = rows.mT.clone()
+    basis[:, 2] = torch.linalg.cross(basis[:, 0], basis[:, 1])
+    return basis, centre
+
+
+def _affine(
+    points: Float[Tensor, "landmark 2"],
+    rays: Float[Tensor, "batch landmark 2"],
+    weights: Float[Tensor, "batch landmark"],
+) -> tuple[Float[Tensor, "batch 2 2"], Float[Tensor, "batch 2"]]:
+    """The weighted least-squares affine map of the plane into the picture."""
+    ones = torch.ones_like(points[:, :1])
+    design = torch.cat([points, ones], dim=-1)
+    weighted = design.mT * weights[:, None]
+    # A trace of the identity: three landmarks in a line leave one direction open.
+    damping = torch.diag(points.new_tensor([1e-8, 1e-8, 1e-12]))
+    solution = torch.linalg.solve(weighted @ design + damping, weighted @ rays)
+    return solution[:, :2].mT, solution[:, 2]
+
+
+def _two_rotations(linear: Float[Tensor, "batch 2 2"]) -> tuple[Tensor, Tensor]:
+    """The two rotations whose first two columns, scaled and seen from afar, are these.
+
+    With columns (m₁, a)/s and (m₂, b)/s of unit length at right angles, s is the larger singular value of
+    (m₁ m₂), and the depths a and b are known up to their common sign.
+    """
+    first, second = linear[..., 0], linear[..., 1]
+    size = torch.linalg.matrix_norm(linear, ord=2).clamp(min=1e-6)
+    first, second = first / size[:, None], second / size[:, None]
+    a = (1 - first.square().sum(dim=-1)).clamp(min=0).sqrt()
+    b = (1 - second.square().sum(dim=-1)).clamp(min=0).sqrt()
+    b = torch.where((first * second).sum(dim=-1) > 0, -b, b)
+    found = []
+    for sign in (1.0, -1.0):
+        x = torch.cat([first, sign * a[:, None]], dim=-1)
+        y = torch.cat([second, sign * b[:, None]], dim=-1)
+        x = torch.nn.functional.normalize(x, dim=-1)
+        y = torch.nn.functional.normalize(y - (x * y).sum(dim=-1, keepdim=True) * x, dim=-1)
+        found.append(torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1))
+    return found[0], found[1]

@@ -1,0 +1,115 @@
+"""Hand physics: no part of the hand is inside another one (Sec. 3.2, Eq. 4)."""
+
+from dataclasses import replace
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.closed_parts import closed_parts, geodesic_distances
+from hand_recon.knowledge.contact import Contacts, PartContacts
+from hand_recon.knowledge.part_bounds import PartBounds
+from hand_recon.knowledge.winding_number import SOLID_ANGLES_AT_ONCE
+
+_HANDS_AT_ONCE: Final = 64
+"""Hands whose bounds are compared at once."""
+
+
+class NonPenetration(nn.Module):
+    """Σ max(d(v) − d_tol, 0) over the vertices inside another part of the hand, for any batch shape.
+
+    The surface is cut into the palm and fourteen phalanges, each closed. A vertex is inside when a part winds
+    around it that is neither its own nor next to its own, where skinning folds the skin. d(v) is its distance to
+    the nearest skin of such parts that is farther than `geodesic` along the surface at rest. Which vertices are
+    inside and which point of the skin is nearest have no gradient; the distance has.
+    """
+
+    centres: Tensor
+
+    def __init__(
+        self,
+        hand: HandModel,
+        *,
+        geodesic: float = 0.02,
+        tolerance: float = 0.006,
+        at_once: int = SOLID_ANGLES_AT_ONCE,
+    ) -> None:
+        """Precompute all that does not depend on the pose.
+
+        Args:
+            hand: The hand whose vertices are judged.
+            geodesic: Skin nearer than this along the surface at rest does not count, metres.
+            tolerance: d_tol, by which flesh gives way, metres.
+            at_once: Most solid angles or distances to hold at once; bounds the memory, not the value.
+
+        Raises:
+            ValueError: A length is negative, or the hand's surface cannot be cut into closed parts.
+        """
+        super().__init__()
+        if geodesic < 0 or tolerance < 0:
+            raise ValueError(
+                "geodesic and tolerance are lengths in metres and cannot be negative, "
+                f"found {geodesic} and {tolerance}."
+            )
+        self.tolerance = tolerance
+        parts = closed_parts(hand)
+        template = hand.template.double().cpu().numpy()
+        apart = geodesic_distances(template, parts.skin)[:, parts.skin].min(axis=-1) > geodesic
+        self.register_buffer("centres", torch.from_numpy(parts.centres).float(), persistent=False)
+        self.bounds = PartBounds(parts)
+        self.parts = nn.ModuleList(
+            PartContacts(parts, index, apart, at_once) for index in range(len(parts.faces))
+        )
+
+    def forward(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Float[Tensor, "*batch"]:
+        """The loss of each hand, metres.
+
+        Args:
+            vertices: Metres, in any frame.
+        """
+        hands = vertices.reshape(-1, *vertices.shape[-2:])
+        contacts = self.contacts(hands.detach(), self.tolerance)
+        excess = contacts.depths(hands) - self.tolerance
+        losses = hands.new_zeros(len(hands)).index_add(0, contacts.hand, excess)
+        return losses.view(vertices.shape[:-2])
+
+    @torch.no_grad()
+    def depths(
+        self, vertices: Float[Tensor, "*batch vertex 3"]
+    ) -> Float[Tensor, "*batch vertex"]:
+        """d(v) of every vertex inside another part and zero of the others, metres, without gradient."""
+        hands = vertices.reshape(-1, *vertices.shape[-2:])
+        contacts = self.contacts(hands, 0.0)
+        depths = torch.zeros_like(hands[..., 0])
+        depths[contacts.hand, contacts.vertex] = contacts.depths(hands)
+        return depths.view(vertices.shape[:-1])
+
+    @torch.no_grad()
+    def penetrates(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Bool[Tensor, "*batch"]:
+        """Whether any vertex is deeper inside than d_tol; PR is the share of hands of which that is true."""
+        return self(vertices) > 0
+
+    @torch.no_grad()
+    def contacts(self, hands: Float[Tensor, "hand vertex 3"], least: float) -> Contacts:
+        """Every vertex deeper than `least` inside another part, with the triangle through which it is nearest out.
+
+        Args:
+            hands: Metres.
+            least: Metres. The larger, the faster.
+        """
+        found = [self._contacts_of_some(some, least) for some in hands.split(_HANDS_AT_ONCE)]
+        return Contacts.joined(
+            [replace(some, hand=some.hand + _HANDS_AT_ONCE * turn) for turn, some in enumerate(found)]
+        )
+
+    def _contacts_of_some(self, hands: Float[Tensor, "hand vertex 3"], least: float) -> Contacts:
+        points = torch.cat([hands, self.centres.to(hands) @ hands], dim=1)
+        hand, vertex, counts = self.bounds(points.transpose(0, 1).contiguous())
+        queries = zip(self.parts, hand.split(counts), vertex.split(counts), strict=True)
+        points = points.permute(1, 2, 0).contiguous()
+        pairs = Contacts.joined([part(points, *query, least) for part, *query in queries])
+        depths = pairs.depths(hands)
+        nearest = pairs.nearest(depths, hands.shape[1])
+        return pairs.where(nearest[(depths[nearest] > least) & pairs.apart[nearest]])

@@ -1,0 +1,62 @@
+"""The paper's Table 1 beside ours, from the runs that there are (Sec. 4.2).
+
+python -m hand_recon.report
+python -m hand_recon.report runs=outputs/sweeps/<time>
+"""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig
+
+from hand_recon.comparison.collection import collect
+from hand_recon.comparison.documents import Comparison, write_documents
+from hand_recon.comparison.intervals import Bootstrap
+from hand_recon.comparison.studies import Compared
+from hand_recon.comparison.summary import summarise
+from hand_recon.comparison.terminal import show
+from hand_recon.configuration import CONF
+
+logger = logging.getLogger(__name__)
+
+
+def report(config: DictConfig) -> dict[str, Any]:
+    """Collect runs, print their tables and write them.
+
+    Args:
+        config: `conf/report.yaml` composed.
+
+    Returns:
+        The files that were written, the number of runs per study, and what was left out and why.
+
+    Raises:
+        FileNotFoundError: What `runs` names does not exist.
+        ValueError: No run is finished.
+        FileExistsError: The output folder holds a report.
+    """
+    compared = Compared(tuple(config.method), tuple(config.ignored))
+    found = collect(config.runs, Path(config.paths.output), compared)
+    logger.info("Runs are taken from %s", ", ".join(found.places))
+    bootstrap = Bootstrap(config.bootstrap.resamples, config.bootstrap.seed)
+    summaries = tuple(summarise(study, bootstrap) for study in found.studies)
+    comparison = Comparison(summaries, found.left_out)
+    files = write_documents(comparison, Path(config.output).absolute())
+    show(comparison)
+    logger.info("Open %s", files[0])
+    return {
+        "files": [str(path) for path in files],
+        "runs": [len(study.runs) for study in found.studies],
+        "left_out": {str(one.folder): one.reason for one in found.left_out},
+    }
+
+
+@hydra.main(version_base="1.3", config_path=CONF, config_name="report")
+def main(config: DictConfig) -> None:
+    """The command line."""
+    report(config)
+
+
+if __name__ == "__main__":
+    main()

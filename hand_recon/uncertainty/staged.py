@@ -1,0 +1,173 @@
+"""The schedule of the data term: the squared error first, then the likelihood (Sec. 4.1).
+
+The paper says "for faster convergence" and not when. At the switch every σ should start at what the
+residuals then are: a gradient of 2e becomes e / σ², so that the data term loses exactly 1 / (2σ²) of
+its weight against the prior, and neither explodes nor dies for a σ that nobody has trained yet.
+"""
+
+import math
+from typing import Final
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor, nn
+
+from hand_recon.uncertainty.bounds import LOWEST_SIGMA
+from hand_recon.uncertainty.data_term import DataTerm
+
+RUNNING_DECAY: Final = 0.99
+"""What a step leaves of the account of earlier residuals: it remembers about a hundred steps."""
+
+UNKNOWN_LOG_SIGMA: Final = 1.5
+"""log σ before any residual was seen: 4.5 px, where the reconstructor's σ starts, too."""
+
+UNITS: Final = ("share", "epoch", "step")
+"""What the time of the switch can be counted in."""
+
+
+class RunningResidual(nn.Module):
+    """Exponential running mean of the squared residual of each coordinate, labelled ones only."""
+
+    squares: Tensor
+    counts: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("squares", torch.zeros(21, 2))
+        self.register_buffer("counts", torch.zeros(21))
+
+    @torch.no_grad()
+    def update(
+        self,
+        residual: Float[Tensor, "*batch landmark=21 2"],
+        labelled: Bool[Tensor, "*batch landmark=21"],
+    ) -> None:
+        """Add a step's residuals, pixels; anything where unlabelled."""
+        squared = residual.masked_fill(~labelled[..., None], 0.0).square()
+        # Sum and count fade alike, so that neither the start nor a rare label biases the mean.
+        self.squares.mul_(RUNNING_DECAY).add_(squared.reshape(-1, 21, 2).sum(dim=0))
+        self.counts.mul_(RUNNING_DECAY).add_(labelled.reshape(-1, 21).sum(dim=0))
+
+    def log_sigma(self) -> Float[Tensor, "landmark=21 2"]:
+        """Logarithm of the running RMS, pixels, at least that of `LOWEST_SIGMA`.
+
+        A landmark that never had a label has the RMS of those that had.
+        """
+        if not self.counts.any():
+            return torch.full_like(self.squares, UNKNOWN_LOG_SIGMA)
+        overall = self.squares.sum() / (2 * self.counts.sum())
+        mean = self.squares / self.counts[:, None].clamp(min=torch.finfo(self.counts.dtype).tiny)
+        mean = torch.where(self.counts[:, None] > 0, mean, overall)
+        return 0.5 * mean.clamp(min=LOWEST_SIGMA**2).log()
+
+
+class Staged(DataTerm):
+    """One data term up to a point of the run, another from there on.
+
+    Which of them is at work and how large the residuals are is part of the state: a run that goes on
+    goes on right, and a loaded checkpoint is judged by the loss it was trained with.
+
+    Args:
+        first: Until the switch; the squared error in the paper.
+        second: From the switch on; Eq. 7 in the paper.
+        switch_at: When, in `unit`s; it must leave the first stage a step at least.
+        unit: `share` of the run's steps (below one), or a number of finished `epoch`s or of `step`s.
+
+    Raises:
+        ValueError: The unit is unknown, or the time leaves no first stage or is no share.
+    """
+
+    stages = 2
+    switched: Tensor
+
+    def __init__(
+        self, first: DataTerm, second: DataTerm, *, switch_at: float, unit: str = "share"
+    ) -> None:
+        super().__init__()
+        _check_time(switch_at, unit)
+        self.first = first
+        self.second = second
+        self.switch_at = switch_at
+        self.unit = unit
+        self.needs_correlation = first.needs_correlation or second.needs_correlation
+        self.learns_sigma = second.learns_sigma
+        self.running = RunningResidual()
+        self.register_buffer("switched", torch.tensor(False))
+
+    @property
+    def stage(self) -> int:
+        """0 before the switch, 1 after it."""
+        return int(self.switched)
+
+    def begin(self, *, step: int, epoch: int, total_steps: int) -> bool:
+        """To be called before every training step; true once, if this very call makes the switch.
+
+        Args:
+            step: Optimizer steps that the run has made.
+            epoch: Epochs that it has finished.
+            total_steps: Optimizer steps that it will have made at its end.
+
+        Raises:
+            ValueError: The switch is at a share of a run without a known end.
+        """
+        if self.stage == 1 or not self._due(step, epoch, total_steps):
+            return False
+        self.switched.fill_(True)
+        self.second.start(self.running_log_sigma())
+        return True
+
+    def observe(
+        self,
+        residual: Float[Tensor, "*batch landmark=21 2"],
+        labelled: Bool[Tensor, "*batch landmark=21"],
+    ) -> None:
+        """Keep account of the residuals.
+
+        Args:
+            residual: Projection minus label, pixels of a 224-pixel crop; anything where unlabelled.
+            labelled: Landmarks that have a label.
+        """
+        self.running.update(residual, labelled)
+
+    def running_log_sigma(self) -> Float[Tensor, "landmark=21 2"]:
+        """Logarithm of the running RMS of each coordinate's residual, pixels."""
+        return self.running.log_sigma()
+
+    def cost(
+        self,
+        residual: Float[Tensor, "*batch landmark=21 2"],
+        log_sigma: Float[Tensor, "*batch landmark=21 2"],
+        correlation: Float[Tensor, "*batch landmark=21"] | None,
+    ) -> Float[Tensor, "*batch landmark=21"]:
+        """What the term that is at work says."""
+        term = self.second if self.stage else self.first
+        return term.cost(residual, log_sigma, correlation)
+
+    def _due(self, step: int, epoch: int, total_steps: int) -> bool:
+        if self.unit == "epoch":
+            return epoch >= self.switch_at
+        if self.unit == "step":
+            return step >= self.switch_at
+        if total_steps <= 0:
+            raise ValueError(
+                f"The switch is at {self.switch_at:.0%} of the run, but the run has no known end "
+                f"(total_steps={total_steps}). Give it one (trainer.max_epochs or max_steps), or say "
+                "data_term.unit=epoch or step."
+            )
+        # 0.07 · 100 is a little more than 7 in binary; the seventh step is meant.
+        return step >= math.ceil(round(self.switch_at * total_steps, 6))
+
+
+def _check_time(switch_at: float, unit: str) -> None:
+    if unit not in UNITS:
+        raise ValueError(f"The switch is counted in one of {', '.join(UNITS)}, found {unit!r}.")
+    if not switch_at > 0:
+        raise ValueError(
+            f"A switch at {switch_at} leaves no first stage. Use the second term by itself "
+            "(data_term=nll), or a later switch."
+        )
+    if unit == "share" and switch_at >= 1:
+        raise ValueError(
+            f"A switch at {switch_at} of the run never comes. Use the first term by itself "
+            "(data_term=mse), a share below 1, or unit=epoch or step."
+        )
