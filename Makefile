@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env train smoke test test-all lint format lock asset docs-images clean
+.PHONY: help env train smoke lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,6 +25,23 @@ train: $(STAMP)  ## Train the default model, evaluate it and draw it; ARGS are H
 
 smoke: $(STAMP)  ## The same in about a minute, far too short to learn anything.
 	$(BIN)/python -m hand_recon.train +experiment=smoke $(ARGS)
+
+ROWS := ablation_row1,ablation_row2,ablation_row3,ablation_row4,ablation_row5
+SEEDS ?= 0,1,2
+
+lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
+	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)
+
+table1: $(STAMP)  ## The paper's Table 1 by training the lifter: five rows, three seeds, then the report.
+	$(BIN)/python -m hand_recon.train -m recipe=lifter +experiment=$(ROWS) seed=$(SEEDS) $(ARGS)
+	$(BIN)/python -m hand_recon.report
+
+table1-fit: $(STAMP)  ## The same by fitting 500 hands of each seed to noisy landmarks, without a network.
+	$(BIN)/python -m hand_recon.fit -m data=views +experiment=$(ROWS) seed=$(SEEDS) $(ARGS)
+	$(BIN)/python -m hand_recon.report
+
+benchmark: $(STAMP)  ## What the knowledge losses cost, beside the published recipe and a ResNet-50.
+	$(BIN)/python tools/benchmark_knowledge.py $(ARGS)
 
 # pytest's processes are the parallelism: threads that share their cores only slow them down.
 test test-all: export OMP_NUM_THREADS := 1

@@ -37,7 +37,7 @@ from hand_recon.data.parsed_landmarks import Assumptions
 from hand_recon.data.progress import with_progress
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.fit_results import claim_results_folder, write_results
-from hand_recon.fitting.descent import Descent, Fitted
+from hand_recon.fitting.descent import Descent, Fitted, Objective
 from hand_recon.fitting.descent import fit as descend
 from hand_recon.fitting.lift import lifted_start
 from hand_recon.fitting.observation import observed
@@ -98,6 +98,8 @@ def _of_the_data(config: DictConfig) -> DictConfig:
     config = config.copy()
     data = config.get("data")
     with open_dict(config):
+        if "keep_balance" in config.data_term:
+            config.data_term.keep_balance = config.keep_balance
         if data is None:
             config.hand.landmarks = "knuckle"
         elif "data_seed" in data:
@@ -110,13 +112,13 @@ Fitter = Callable[[HandBatch], Fitted]
 
 
 def _fitter(config: DictConfig, hand: HandModel) -> Fitter:
-    prior = build_prior(config.prior, hand)
     data_term = instantiate(config.data_term)
     if data_term.needs_correlation:
         raise ValueError(
             "A fit is told how far to trust each landmark and does not learn it, and nobody tells "
             "correlations: use data_term=mse, mse_then_nll, laplace or mse_rescaled."
         )
+    objective = Objective(hand, build_prior(config.prior, hand), data_term)
     descent: Descent = instantiate(config.descent)
     further = None
     if config.lifter is not None:
@@ -125,12 +127,7 @@ def _fitter(config: DictConfig, hand: HandModel) -> Fitter:
 
     def run(batch: HandBatch) -> Fitted:
         return descend(
-            observed(batch, config.half_sure),
-            hand,
-            prior,
-            data_term,
-            descent=descent,
-            further=further,
+            observed(batch, config.half_sure), objective, descent=descent, further=further
         )
 
     return run

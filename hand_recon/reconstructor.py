@@ -27,6 +27,9 @@ STATE_SIZE: Final = sum(_SIZES.values())
 _LOG_SIGMA: Final = slice(STATE_SIZE - _SIZES["log_sigma"], STATE_SIZE)
 """Where log σ stands in the state."""
 
+_FED_BACK: Final = STATE_SIZE - _SIZES["log_sigma"]
+"""How much of the state a round sees: pose, root, camera and shape."""
+
 _FEEDBACK_UNIT: Final = 20.0
 """Pixels of a 224-pixel crop: of the size of a first answer's errors."""
 
@@ -37,8 +40,10 @@ _FEEDBACK_LIMIT: Final = 10.0
 class Reconstructor(nn.Module):
     """Features → pose, shape, camera and log σ by three rounds of error feedback (Sec. 4.1).
 
-    As in the authors' network, each round sees the features and its own last answer, log σ included,
-    and predicts a correction through two linear layers. Where landmarks are the input, a round can also see
+    As in the authors' network, each round sees the features and its own last answer and predicts a correction
+    through two linear layers. Unlike there, log σ is not part of what is fed back: the squared error of the
+    first stage would use it as a memory, and leave values that no likelihood can start from
+    (`docs/decisions.md`). Where landmarks are the input, a round can also see
     how far its last answer projects from them: error feedback in the words' first sense (Carreira et al.,
     CVPR 2016), which an image does not allow.
 
@@ -82,7 +87,7 @@ class Reconstructor(nn.Module):
         if correlated:
             initial = torch.cat([initial, torch.zeros(21)])
         self.regressor = nn.Sequential(
-            nn.Linear(encoder.feature_size + len(initial) + (42 if reprojection else 0), width),
+            nn.Linear(encoder.feature_size + _FED_BACK + (42 if reprojection else 0), width),
             nn.ReLU() if activation else nn.Identity(),
             nn.Dropout(dropout),
             nn.Linear(width, width),
@@ -93,7 +98,9 @@ class Reconstructor(nn.Module):
             {name: nn.Linear(width, size) for name, size in self.sizes.items()}
         )
         for name, parameter in self.decoders.named_parameters():
-            if name.endswith("weight"):
+            # σ and its correlation stay at their start, the same for every hand, until a likelihood trains them:
+            # what an untrained σ drifts to would be noise, in the feedback and at the switch.
+            if name.endswith("weight") and not name.startswith(("log_sigma", "correlation")):
                 nn.init.xavier_uniform_(parameter, gain=0.01)
             else:
                 nn.init.zeros_(parameter)
@@ -121,7 +128,7 @@ class Reconstructor(nn.Module):
     def _feedback(self, features: Tensor, shown: HandBatch) -> Tensor:
         state = self.initial_state.expand(len(features), -1)
         for _ in range(self.iterations):
-            seen = [features, state]
+            seen = [features, state[:, :_FED_BACK]]
             if self.skeleton is not None:
                 seen.append(self._reprojection_error(self.skeleton, state, shown))
             hidden = self.regressor(torch.cat(seen, dim=-1))

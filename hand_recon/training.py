@@ -144,12 +144,10 @@ class HandReconstruction(lightning.LightningModule):
         start = self.data_term.running_log_sigma()
         self.reconstructor.shift_log_sigma(start - prediction.log_sigma.detach().mean(dim=0))
         logger.info(
-            "Step %d: %s. σ starts at the running residual, %.1f px (median over coordinates); against the "
-            "prior, a residual now weighs %.3f of what it did.",
+            "Step %d: the second stage of the data term begins. σ starts at the running residual, %.1f px "
+            "(median over coordinates).",
             self.global_step,
-            type(self.data_term).__name__,
             float(start.exp().median()),
-            float((0.5 * (-2 * start).exp()).mean()),
         )
 
     def validation_step(self, batch: HandBatch, batch_index: int) -> None:

@@ -21,8 +21,21 @@ from hand_recon.configuration import (
     instantiate,
     read_checkpoint,
 )
+from hand_recon.encoder import LandmarkEncoder
+from hand_recon.fit_results import ResultOptions
+from hand_recon.fitting.descent import Descent
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.hand.skeleton import AXES
+from hand_recon.uncertainty import (
+    DataTerm,
+    FullCovariance,
+    LaplaceLikelihood,
+    NegativeLogLikelihood,
+    RescaledSquaredError,
+    SquaredError,
+    Staged,
+)
 
 EXPERIMENTS = sorted(path.stem for path in (Path(CONF) / "experiment").glob("*.yaml"))
 
@@ -38,7 +51,8 @@ ROWS = {
 
 def composed(*overrides: str, name: str = "train") -> DictConfig:
     with initialize_config_dir(CONF, version_base="1.3"):
-        config = compose(name, [*overrides, "paths.run=/nowhere"], return_hydra_config=True)
+        run = [] if name == "fit" else ["paths.run=/nowhere"]
+        config = compose(name, [*overrides, *run], return_hydra_config=True)
         HydraConfig.instance().set_config(config)
     return config
 
@@ -64,15 +78,103 @@ def test_the_rows_of_table_1_differ_in_prior_and_data_term_alone(
         assert config[group] == default[group], group
 
 
-@pytest.mark.parametrize("row", [1, 2])
-def test_the_rows_that_are_there_build(row: int) -> None:
-    build_module(composed(f"+experiment=ablation_row{row}"))
+@pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
+def test_every_row_of_table_1_builds(row: int, expected: tuple[str, float, bool, float]) -> None:
+    module = build_module(composed(f"+experiment=ablation_row{row}"))
+    data_term, range_of_motion, anatomy, non_penetration = expected
+    assert module.data_term.stages == (2 if data_term == "mse_then_nll" else 1)
+    assert module.prior.weights["range_of_motion"] == range_of_motion
+    assert module.prior.weights["non_penetration"] == non_penetration
+    assert module.prior.weights["shape"] == 10.0
+    assert (module.prior.anatomy is not None) == anatomy
+    assert (module.prior.surface is not None) == bool(non_penetration)
+    assert module.supervision is None
 
 
-@pytest.mark.parametrize("row", [3, 4, 5])
-def test_the_rows_that_are_not_there_yet_say_so(row: int) -> None:
-    with pytest.raises(NotImplementedError, match=r"does not have.*Run with"):
-        build_module(composed(f"+experiment=ablation_row{row}"))
+GROUPS = ("prior", "data_term", "supervision", "model", "recipe", "data", "optimizer", "logger")
+"""Groups of `conf/train.yaml` with a choice."""
+
+MEMBERS = [
+    (group, path.stem)
+    for group in GROUPS
+    for path in sorted((Path(CONF) / group).glob("*.yaml"))
+]
+
+
+@pytest.mark.parametrize(("group", "member"), MEMBERS)
+def test_every_member_of_every_group_composes_and_builds(group: str, member: str) -> None:
+    folder = ["data.root=/nowhere"] if member == "freihand" else []
+    config = composed(f"{group}={member}", *folder)
+    if "backbone" in config.model.encoder:
+        # The smallest, and without a download.
+        config.model.encoder.update(backbone="mobilenet_v3_small", weights="none")
+    data = build_data(config)
+    module = build_module(config)
+    assert module.reconstructor.hand.landmarks == data.landmarks
+
+
+@pytest.mark.parametrize(
+    ("member", "kind", "needs"),
+    [
+        ("mse", SquaredError, False),
+        ("nll", NegativeLogLikelihood, False),
+        ("mse_then_nll", NegativeLogLikelihood, False),
+        ("beta_nll", NegativeLogLikelihood, False),
+        ("laplace", LaplaceLikelihood, False),
+        ("mse_rescaled", RescaledSquaredError, False),
+        ("full_covariance", FullCovariance, True),
+    ],
+)
+def test_a_data_term_is_what_its_name_says_and_gets_the_regressor_that_it_needs(
+    member: str, kind: type[DataTerm], *, needs: bool
+) -> None:
+    module = build_module(composed(f"data_term={member}"))
+    last = module.data_term.second if isinstance(module.data_term, Staged) else module.data_term
+    assert type(last) is kind
+    assert module.data_term.needs_correlation == needs
+    assert ("correlation" in module.reconstructor.sizes) == needs
+    if member == "beta_nll":
+        assert isinstance(last, NegativeLogLikelihood)
+        assert last.beta == 0.5
+
+
+def test_the_priors_to_compare_with_are_what_they_say() -> None:
+    weights = {
+        name: build_module(composed(f"prior={name}")).prior.weights
+        for name in ("none", "pca_mean", "ranges_only")
+    }
+    assert (weights["none"]["range_of_motion"], weights["none"]["pose_components"]) == (0, 0)
+    assert weights["pca_mean"] == weights["none"] | {"pose_components": 10.0}
+    prior = build_module(composed("prior=ranges_only")).prior
+    assert prior.upper[:, AXES.index("twist")].isinf().all()
+    assert prior.upper[:, AXES.index("bend")].isfinite().all()
+
+
+def test_3d_labels_are_used_only_where_they_are_asked_for() -> None:
+    assert build_module(composed()).supervision is None
+    config = composed("supervision=landmarks_3d", "supervision.fraction=0.1")
+    supervision = build_module(config).supervision
+    assert supervision is not None
+    assert (supervision.fraction, supervision.weight) == (0.1, 500_000.0)
+
+
+def test_the_lifter_sees_landmarks_without_pictures() -> None:
+    config = composed("recipe=lifter")
+    module = build_module(config)
+    assert isinstance(module.reconstructor.encoder, LandmarkEncoder)
+    assert module.reconstructor.skeleton is not None
+    data = build_data(config)
+    assert (data.name, data.landmarks, data.augmentation) == ("views", "knuckle", None)
+
+
+def test_what_fit_can_be_told_composes() -> None:
+    for data in (None, "views"):
+        for prior in (path.stem for path in (Path(CONF) / "prior").glob("*.yaml")):
+            chosen = [f"prior={prior}", *([] if data is None else [f"data={data}"])]
+            config = composed(*chosen, name="fit")
+            assert instantiate(config.descent) == Descent()
+            assert instantiate(config.results) == ResultOptions()
+            assert (config.get("data") is None) == (data is None)
 
 
 def test_the_paper_recipe_has_the_settings_of_section_4_1() -> None:

@@ -10,8 +10,23 @@ from torchvision import models
 from hand_recon.camera import default_intrinsics, project
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
-from hand_recon.reconstructor import STATE_SIZE, ImageEncoder, Reconstructor
+from hand_recon.encoder import ImageEncoder
+from hand_recon.reconstructor import STATE_SIZE, Reconstructor
+from hand_recon.schema import HandBatch
 from tests.tolerance import assert_close
+
+
+def crops(images: torch.Tensor, intrinsics: torch.Tensor | None = None) -> HandBatch:
+    """Pictures of which nothing else is known but, perhaps, their cameras."""
+    count = len(images)
+    return HandBatch(
+        image=images,
+        landmarks_2d=torch.full((count, 21, 2), torch.nan),
+        labelled=torch.zeros(count, 21, dtype=torch.bool),
+        index=torch.arange(count),
+        source=("",) * count,
+        intrinsics=intrinsics,
+    )
 
 
 @pytest.fixture
@@ -30,7 +45,7 @@ def test_it_starts_upright_with_the_palm_to_the_camera_and_fills_the_crop(
 ) -> None:
     for parameter in reconstructor.decoders.parameters():
         torch.nn.init.zeros_(parameter)
-    prediction = reconstructor(torch.rand(1, 3, 96, 96))
+    prediction = reconstructor(crops(torch.rand(1, 3, 96, 96)))
     landmarks = dict(zip(LANDMARKS, prediction.landmarks_2d[0], strict=True))
     assert landmarks["middle tip"][1] < landmarks["middle MCP"][1] < landmarks["wrist"][1]
     assert landmarks["thumb tip"][0] > landmarks["little MCP"][0]
@@ -42,7 +57,7 @@ def test_it_starts_upright_with_the_palm_to_the_camera_and_fills_the_crop(
 
 
 def test_projections_are_those_of_the_predicted_hand(reconstructor: Reconstructor) -> None:
-    prediction = reconstructor(torch.rand(3, 3, 64, 64))
+    prediction = reconstructor(crops(torch.rand(3, 3, 64, 64)))
     camera = default_intrinsics(64, prediction.landmarks_3d).expand(3, 3, 3)
     assert_close(prediction.landmarks_2d, project(prediction.landmarks_3d, camera))
     posed = reconstructor.hand.place(prediction.parameters)
@@ -53,7 +68,7 @@ def test_the_answer_for_one_crop_does_not_depend_on_the_others(
     reconstructor: Reconstructor,
 ) -> None:
     images = torch.rand(4, 3, 64, 64)
-    together, alone = reconstructor(images), reconstructor(images[2:3])
+    together, alone = reconstructor(crops(images)), reconstructor(crops(images[2:3]))
     assert_close(together.landmarks_3d[2:3], alone.landmarks_3d)
 
 
@@ -62,7 +77,7 @@ def test_a_known_camera_moves_the_hand_but_not_its_place_in_the_crop(hand: HandM
     network = Reconstructor(encoder, hand, width=32, use_intrinsics=True).eval()
     images = torch.rand(2, 3, 64, 64)
     long = torch.tensor([[400.0, 0.0, 32.0], [0.0, 400.0, 32.0], [0.0, 0.0, 1.0]]).expand(2, 3, 3)
-    assumed, known = network(images), network(images, long)
+    assumed, known = network(crops(images)), network(crops(images, long))
     assert (known.landmarks_3d[..., 2] > 2 * assumed.landmarks_3d[..., 2]).all()
     shift = (known.landmarks_2d.mean(dim=1) - assumed.landmarks_2d.mean(dim=1)).norm(dim=-1)
     assert shift.max() < 3.0
@@ -73,19 +88,19 @@ def test_it_learns_four_hands_from_their_2d_landmarks(hand: HandModel) -> None:
     network = Reconstructor(encoder, hand, width=64, dropout=0.0, activation=True).train()
     images = torch.rand(4, 3, 64, 64)
     with torch.no_grad():
-        start = network(images).landmarks_2d
+        start = network(crops(images)).landmarks_2d
     target = start + 4.0 * torch.randn(4, 1, 2)
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     for _ in range(60):
         optimizer.zero_grad()
-        loss = (network(images).landmarks_2d - target).square().mean()
+        loss = (network(crops(images)).landmarks_2d - target).square().mean()
         loss.backward()
         optimizer.step()
     assert loss.item() < 1.0
 
 
 def test_every_parameter_gets_a_finite_gradient(reconstructor: Reconstructor) -> None:
-    prediction = reconstructor.train()(torch.rand(4, 3, 64, 64))
+    prediction = reconstructor.train()(crops(torch.rand(4, 3, 64, 64)))
     (prediction.landmarks_2d.square().mean() + prediction.log_sigma.mean()).backward()
     for name, parameter in reconstructor.named_parameters():
         assert parameter.grad is not None, name
@@ -94,7 +109,7 @@ def test_every_parameter_gets_a_finite_gradient(reconstructor: Reconstructor) ->
 
 def test_half_precision_stays_in_the_backbone(reconstructor: Reconstructor) -> None:
     with torch.autocast("cpu", torch.bfloat16):
-        prediction = reconstructor(torch.rand(2, 3, 64, 64))
+        prediction = reconstructor(crops(torch.rand(2, 3, 64, 64)))
     assert prediction.landmarks_3d.dtype == torch.float32
 
 

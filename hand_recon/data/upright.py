@@ -68,7 +68,7 @@ def _mean(place: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
 
 def _camera_roll(up: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 3 3"]:
     """The rotation about the optical axis that takes a direction of the image to (0, −1)."""
-    sine, cosine = -up[:, 0], -up[:, 1]
+    sine, cosine = up[:, 0], -up[:, 1]
     roll = torch.zeros(len(up), 3, 3, dtype=up.dtype, device=up.device)
     roll[:, 0, 0], roll[:, 0, 1] = cosine, sine
     roll[:, 1, 0], roll[:, 1, 1] = -sine, cosine

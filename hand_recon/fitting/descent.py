@@ -1,8 +1,9 @@
 """Descent from several starts to one hand per set of landmarks: the loss of training, no network (Sec. 3.4)."""
 
 import copy
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
@@ -26,14 +27,14 @@ class Descent:
     """How to descend."""
 
     starts: int = 4
-    """Starts per hand in closed form; the one with the smallest loss is kept."""
+    """Starts per hand in closed form."""
     steps: int = 300
     """Steps of Adam."""
     rate: float = 0.1
     """Largest step of a joint angle, radians; it falls to zero as a cosine."""
     contact_from: float = 0.6
-    """Share of the steps after which the non-penetration term joins: before, poses mean little, and a finger
-    must be free to pass through another."""
+    """Share of the steps after which the start with the smallest loss goes on alone, and the non-penetration term
+    joins: before, poses mean little, and a finger must be free to pass through another."""
     hands_at_once: int = 256
     """Hands (times starts) in one batch: what fits a processor's cache is fastest."""
 
@@ -51,67 +52,129 @@ class Fitted:
 class _Unknowns:
     """What is descended on: every number of a hand, on a scale on which steps are alike."""
 
-    def __init__(self, start: Start, observation: Observation) -> None:
-        pixel = project(start.translation[:, None], observation.intrinsics)[:, 0]
+    def __init__(self, start: Start, intrinsics: Float[Tensor, "hand 3 3"]) -> None:
+        pixel = project(start.translation[:, None], intrinsics)[:, 0]
         depth = start.translation[:, 2].clamp(min=NEAREST)
-        self.intrinsics = observation.intrinsics
-        self.joint_angles = start.joint_angles.clone().requires_grad_()
-        self.shape = pixel.new_zeros(len(pixel), 10).requires_grad_()
-        self.columns = start.root_rotation[..., :2].mT.flatten(-2).clone().requires_grad_()
-        # Hundreds of pixels: a step of 0.05 is then five pixels.
-        self.place = (pixel / 100).requires_grad_()
-        self.log_depth = depth.log().requires_grad_()
+        self.values = {
+            "joint_angles": start.joint_angles,
+            "columns": start.root_rotation[..., :2].mT.flatten(-2),
+            "shape": pixel.new_zeros(len(pixel), 10),
+            # Hundreds of pixels: a step of 0.05 is then five pixels.
+            "place": pixel / 100,
+            "log_depth": depth.log(),
+        }
+        self._require_gradients()
 
-    def groups(self, rate: float) -> list[dict[str, object]]:
-        """The optimizer's parameter groups."""
-        fast = [self.joint_angles, self.columns]
-        return [
+    def _require_gradients(self) -> None:
+        self.values = {
+            name: value.detach().clone().requires_grad_() for name, value in self.values.items()
+        }
+
+    def keep(self, which: Tensor) -> None:
+        """Go on with some of the hands."""
+        self.values = {name: value[which] for name, value in self.values.items()}
+        self._require_gradients()
+
+    def optimizer(self, rate: float) -> torch.optim.Optimizer:
+        """Adam over all of them; angles and shapes move at the full rate, places at most of it."""
+        place = {"place", "log_depth"}
+        fast = [value for name, value in self.values.items() if name not in place]
+        slow = [value for name, value in self.values.items() if name in place]
+        groups = [
             {"params": fast, "lr": rate, "share": 1.0},
-            {"params": [self.shape], "lr": rate, "share": 1.0},
-            {"params": [self.place, self.log_depth], "lr": rate, "share": 0.6},
+            {"params": slow, "lr": rate, "share": 0.6},
         ]
+        return torch.optim.Adam(groups, betas=(0.9, 0.99))
 
-    def parameters(self) -> HandParameters:
-        """The hand that they mean."""
-        pixel = torch.cat([self.place * 100, torch.ones_like(self.log_depth)[:, None]], dim=-1)
-        rays = torch.linalg.solve(self.intrinsics, pixel[..., None])[..., 0]
+    def parameters(self, intrinsics: Float[Tensor, "hand 3 3"]) -> HandParameters:
+        """The hands that they mean, before cameras with these matrices."""
+        values = self.values
+        one = torch.ones_like(values["log_depth"])[:, None]
+        pixel = torch.cat([values["place"] * 100, one], dim=-1)
+        rays = torch.linalg.solve(intrinsics, pixel[..., None])[..., 0]
         return HandParameters(
-            self.joint_angles,
-            self.shape,
-            six_d_to_rotation(self.columns),
-            rays * self.log_depth.exp().clamp(min=NEAREST)[:, None],
+            values["joint_angles"],
+            values["shape"],
+            six_d_to_rotation(values["columns"]),
+            rays * values["log_depth"].exp().clamp(min=NEAREST)[:, None],
         )
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The loss of training over the hands themselves (Sec. 3.4)."""
+
+    hand: HandModel
+    """The hand model."""
+    prior: Prior
+    """Knowledge (Eq. 5)."""
+    data_term: DataTerm
+    """Residuals → one value per hand; a staged one goes through its stages."""
+
+    def __call__(
+        self, parameters: HandParameters, observation: Observation, *, contact: bool
+    ) -> Fitted:
+        """The hands with every term of their loss.
+
+        Args:
+            parameters: Of each hand.
+            observation: What they should look like.
+            contact: Whether the surface counts.
+        """
+        posed = self.hand.place(parameters)
+        prediction = HandPrediction(
+            parameters=parameters,
+            vertices=posed.vertices,
+            joints=posed.joints,
+            landmarks_3d=posed.landmarks,
+            landmarks_2d=project(posed.landmarks, observation.intrinsics),
+            log_sigma=observation.log_sigma(),
+            intrinsics=observation.intrinsics,
+        )
+        residual = prediction.landmarks_2d - observation.landmarks_2d
+        data = self.data_term(residual, prediction.log_sigma, observation.labelled)
+        raw = self.prior(prediction, contact=contact)
+        weighted = self.prior.weighted(raw)
+        loss = {"total": data + sum(weighted.values()), "data": data, **raw}
+        return Fitted(
+            prediction, loss | {f"weighted/{name}": value for name, value in weighted.items()}
+        )
+
+    def without_surface(self) -> "Objective":
+        """The same on the few vertices that landmarks need, several times faster."""
+        return replace(self, hand=self.hand.of_landmarks())
 
 
 def fit(
     observation: Observation,
-    hand: HandModel,
-    prior: Prior,
-    data_term: DataTerm,
+    objective: Objective,
     *,
     descent: Descent,
     further: Callable[[Observation], Start] | None = None,
-    advance: Callable[[int], None] = lambda hands: None,
 ) -> Fitted:
     """Fit every hand to its landmarks.
 
     Args:
         observation: The landmarks.
-        hand: The hand model.
-        prior: Knowledge (Eq. 5).
-        data_term: Residuals → one value per hand; a staged one goes through its stages.
+        objective: What is made small.
         descent: How.
         further: Makes more starts per hand, such as a lifter's answer.
-        advance: Told how many hands are done, for a progress bar.
+
+    Raises:
+        ValueError: There is no hand, or nothing to start from.
     """
+    if not len(observation) or (not descent.starts and further is None):
+        raise ValueError(
+            f"A fit needs a hand and a start: found {len(observation)} hands and {descent.starts} starts."
+        )
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
     pieces = []
     for first in range(0, len(observation), size):
         piece = observation[first : first + size]
-        starts = _starts(piece, hand, descent, further)
-        pieces.append(_fit_batch(piece, starts, hand, prior, data_term, descent))
-        advance(len(piece))
-    return _joined(pieces)
+        starts = _starts(piece, objective.hand, descent, further)
+        pieces.append(_fit_batch(piece, starts, objective, descent))
+    loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
+    return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
 
 
 def _starts(
@@ -141,13 +204,8 @@ def _starts(
     )
 
 
-def _fit_batch(  # noqa: PLR0917  # what the whole fit is made of
-    observation: Observation,
-    starts: Start,
-    hand: HandModel,
-    prior: Prior,
-    data_term: DataTerm,
-    descent: Descent,
+def _fit_batch(
+    observation: Observation, starts: Start, objective: Objective, descent: Descent
 ) -> Fitted:
     count = starts.translation.shape[1]
     several = observation[torch.arange(len(observation)).repeat_interleave(count)]
@@ -157,80 +215,44 @@ def _fit_batch(  # noqa: PLR0917  # what the whole fit is made of
             starts.root_rotation.flatten(0, 1),
             starts.translation.flatten(0, 1),
         ),
-        several,
+        several.intrinsics,
     )
     # Its own stages for every batch, as if each were a run.
-    data_term = copy.deepcopy(data_term)
-    light = hand.of_landmarks()
-    told = several.log_sigma().exp()
-    optimizer = torch.optim.Adam(unknowns.groups(descent.rate), betas=(0.9, 0.99))
-    for step in range(descent.steps):
-        # A stage that starts from the residuals' size starts from what the landmarks are trusted to.
-        data_term.observe(told, several.labelled)
-        data_term.begin(step=step, epoch=0, total_steps=descent.steps)
-        contact = step >= descent.contact_from * descent.steps
-        posed = hand if contact else light
-        terms = _terms(unknowns, several, posed, prior, data_term, contact=contact)
-        optimizer.zero_grad(set_to_none=True)
-        # Hands do not share anything: the gradient of the sum is each hand's own.
-        terms.total.sum().backward()
-        _set_rate(optimizer, descent, step)
-        optimizer.step()
+    objective = replace(objective, data_term=copy.deepcopy(objective.data_term))
+    alone = round(descent.contact_from * descent.steps)
+    light = objective.without_surface()
+    _descend(unknowns, several, light, descent, range(alone))
     with torch.no_grad():
-        terms = _terms(unknowns, several, hand, prior, data_term, contact=True)
-        total = terms.total.nan_to_num(torch.inf).unflatten(0, (-1, count))
-        best = total.argmin(dim=1) + torch.arange(len(total)) * count
-        return Fitted(
-            terms.prediction.select(best),
-            {name: value[best] for name, value in terms.loss.items()},
-        )
+        reached = light(unknowns.parameters(several.intrinsics), several, contact=False)
+        total = reached.loss["total"].nan_to_num(torch.inf).unflatten(0, (-1, count))
+    unknowns.keep(total.argmin(dim=1) + torch.arange(len(total)) * count)
+    _descend(unknowns, observation, objective, descent, range(alone, descent.steps))
+    with torch.no_grad():
+        found = unknowns.parameters(observation.intrinsics)
+        return objective(found, observation, contact=True)
 
 
-@dataclass(frozen=True)
-class _Terms:
-    prediction: HandPrediction
-    loss: dict[str, Tensor]
-
-    @property
-    def total(self) -> Float[Tensor, " hand"]:
-        return self.loss["total"]
-
-
-def _terms(
+def _descend(
     unknowns: _Unknowns,
     observation: Observation,
-    hand: HandModel,
-    prior: Prior,
-    data_term: DataTerm,
-    *,
-    contact: bool,
-) -> _Terms:
-    parameters = unknowns.parameters()
-    posed = hand.place(parameters)
-    prediction = HandPrediction(
-        parameters=parameters,
-        vertices=posed.vertices,
-        joints=posed.joints,
-        landmarks_3d=posed.landmarks,
-        landmarks_2d=project(posed.landmarks, observation.intrinsics),
-        log_sigma=observation.log_sigma(),
-        intrinsics=observation.intrinsics,
-    )
-    residual = prediction.landmarks_2d - observation.landmarks_2d
-    data = data_term(residual, prediction.log_sigma, observation.labelled)
-    raw = prior(prediction, contact=contact)
-    weighted = prior.weighted(raw)
-    loss = {"total": data + sum(weighted.values()), "data": data, **raw}
-    loss |= {f"weighted/{name}": value for name, value in weighted.items()}
-    return _Terms(prediction, loss)
-
-
-def _set_rate(optimizer: torch.optim.Optimizer, descent: Descent, step: int) -> None:
-    fall = 0.5 * (1 + torch.cos(torch.tensor(torch.pi * step / descent.steps)).item())
-    for group in optimizer.param_groups:
-        group["lr"] = descent.rate * group["share"] * fall
-
-
-def _joined(pieces: list[Fitted]) -> Fitted:
-    loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
-    return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
+    objective: Objective,
+    descent: Descent,
+    steps: range,
+) -> None:
+    """Some of the steps of a descent, in place."""
+    optimizer = unknowns.optimizer(descent.rate)
+    told = observation.log_sigma().exp()
+    whole = objective.hand.faces.numel() > 0
+    for step in steps:
+        # A stage that starts from the residuals' size starts from what the landmarks are trusted to.
+        objective.data_term.observe(told, observation.labelled)
+        objective.data_term.begin(step=step, epoch=0, total_steps=descent.steps)
+        parameters = unknowns.parameters(observation.intrinsics)
+        loss = objective(parameters, observation, contact=whole).loss["total"]
+        optimizer.zero_grad(set_to_none=True)
+        # Hands do not share anything: the gradient of the sum is each hand's own.
+        loss.sum().backward()
+        fall = 0.5 * (1 + math.cos(math.pi * step / descent.steps))
+        for group in optimizer.param_groups:
+            group["lr"] = descent.rate * group["share"] * fall
+        optimizer.step()

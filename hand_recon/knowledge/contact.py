@@ -1,4 +1,4 @@
-"""Vertices inside a part of the hand, and where its skin is nearest (Sec. 3.2, the set M and d(v) of Eq. 4)."""
+"""Vertices inside a part of the hand, and where its skin is nearest (Sec. 3.2, M and d(v) of Eq. 4)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -104,7 +104,7 @@ class PartContacts(nn.Module):
     def forward(
         self, points: Float[Tensor, "point 3 hand"], hand: Tensor, vertex: Tensor, least: float
     ) -> Contacts:
-        """Those that are inside, each with all the triangles that may be its nearest of the skin around.
+        """Those that are inside, each with every triangle of the skin around that may be its nearest.
 
         Args:
             points: Vertices, then centres of the openings, metres.
@@ -129,11 +129,12 @@ class PartContacts(nn.Module):
     def _far_from_skin(
         self, points: Float[Tensor, "point 3 hand"], hand: Tensor, vertex: Tensor, least: float
     ) -> Bool[Tensor, " query"]:
-        """Whether each vertex is farther than `least` from the middle of every triangle of the part's skin."""
+        """Whether each vertex is farther than `least` from the middles of all triangles of the skin."""
         middles = _middles(points, self.skin).permute(2, 1, 0).contiguous()
         return torch.cat(
             [
-                _squared_gaps(middles, of_hand, points[of_vertex, :, of_hand]).amin(dim=1) > least**2
+                _squared_gaps(middles, of_hand, points[of_vertex, :, of_hand]).amin(dim=1)
+                > least**2
                 for of_hand, of_vertex in self._lots(len(self.skin), hand, vertex)
             ]
         )
@@ -143,8 +144,8 @@ class PartContacts(nn.Module):
     ) -> Bool[Tensor, " query"]:
         """Whether a triangle of the palm may be in front of each vertex, as seen from where the palm faces.
 
-        What is inside a closed surface has some of it in front in every direction. A triangle counts where its
-        bounding box does, so that none is missed.
+        What is inside a closed surface has some of it in front in every direction. A triangle counts where
+        its bounding box does, so that none is missed.
         """
         index, little, wrist = points[self.outline].mT
         across, along = index - little, index + little - 2 * wrist
@@ -177,10 +178,8 @@ class PartContacts(nn.Module):
         some, of_some = hand.unique(return_inverse=True)
         posed = points.index_select(2, some)
         middles = _middles(posed, self.around)
-        squares = [
-            (posed.index_select(0, corner) - middles).square_().sum(dim=1) for corner in self.around.T
-        ]
-        reach = torch.maximum(torch.maximum(squares[0], squares[1]), squares[2]).sqrt_().T.contiguous()
+        rims = [(posed.index_select(0, c) - middles).square_().sum(dim=1) for c in self.around.T]
+        reach = torch.maximum(torch.maximum(rims[0], rims[1]), rims[2]).sqrt_().T.contiguous()
         middles, found = middles.permute(2, 1, 0).contiguous(), []
         for turn, of_hand, of_vertex in self._lots(len(self.around), of_some, hand, vertex):
             unrelated = ~self.rivals.index_select(0, of_vertex)

@@ -1,4 +1,4 @@
-"""Which vertices are within the bounds of another part of the hand: the cheap first question of Eq. 4 (Sec. 3.2)."""
+"""Which vertices are within the bounds of another part of the hand: where Eq. 4 may apply (Sec. 3.2)."""
 
 from typing import Final
 
@@ -16,7 +16,7 @@ _SLABS: Final = np.array(
 
 
 class PartBounds(nn.Module):
-    """Seven slabs around every part, tested first against those around small groups of vertices, then each vertex."""
+    """Seven slabs around every part: first against those around groups of vertices, then against vertices."""
 
     slabs: Tensor
     opponents: Tensor
@@ -28,7 +28,8 @@ class PartBounds(nn.Module):
         super().__init__()
         suspects = np.argwhere(parts.opponents[parts.groups].any(axis=1))
         for name, array in (
-            ("slabs", _SLABS), ("opponents", parts.opponents), ("groups", parts.groups), ("suspects", suspects),
+            ("slabs", _SLABS), ("opponents", parts.opponents),
+            ("groups", parts.groups), ("suspects", suspects),
         ):  # fmt: skip
             self.register_buffer(name, torch.from_numpy(array), persistent=False)
         for part, triangles in enumerate(parts.faces):
@@ -39,7 +40,7 @@ class PartBounds(nn.Module):
     def forward(
         self, points: Float[Tensor, "point hand 3"]
     ) -> tuple[Int[Tensor, " query"], Int[Tensor, " query"], list[int]]:
-        """Hand and vertex of all that are within a part they can penetrate, part by part, and how many of each.
+        """Hand and vertex of all within the bounds of a part they can penetrate, by part, and the counts.
 
         Args:
             points: Vertices, then centres of the openings, metres.
@@ -55,7 +56,7 @@ class PartBounds(nn.Module):
         pair, hand = overlap.all(dim=-1).nonzero(as_tuple=True)
         vertex, part = self.groups[group[pair]], part[pair]
         place = vertex * heights.shape[1] + hand[:, None]
-        height = heights.flatten(0, 1).index_select(0, place.flatten()).view(*place.shape, -1)
+        height = heights.flatten(0, 1).index_select(0, place.flatten()).view(*place.shape, heights.shape[-1])
         within = height <= high[part, hand][:, None]
         within &= height >= low[part, hand][:, None]
         wanted = within.all(dim=-1) & self.opponents[vertex, part[:, None]]

@@ -20,10 +20,11 @@ _HANDS_AT_ONCE: Final = 64
 class NonPenetration(nn.Module):
     """Σ max(d(v) − d_tol, 0) over the vertices inside another part of the hand, for any batch shape.
 
-    The surface is cut into the palm and fourteen phalanges, each closed. A vertex is inside when a part winds
-    around it that is neither its own nor next to its own, where skinning folds the skin. d(v) is its distance to
-    the nearest skin of such parts that is farther than `geodesic` along the surface at rest. Which vertices are
-    inside and which point of the skin is nearest have no gradient; the distance has.
+    The surface is cut into the palm and fourteen phalanges, each closed (`ClosedParts`). A vertex is inside
+    when a part winds around it that is neither its own nor next to its own: where parts meet, skinning folds
+    the skin. d(v) is its distance to the skin of that part and of those next to it, again without those next
+    to its own; if the nearest triangle is within `geodesic` along the surface at rest, it is a fold, too. The
+    inside test and the choice of the nearest triangle have no gradient; the distance has.
     """
 
     centres: Tensor
@@ -40,12 +41,13 @@ class NonPenetration(nn.Module):
 
         Args:
             hand: The hand whose vertices are judged.
-            geodesic: Skin nearer than this along the surface at rest does not count, metres.
+            geodesic: A vertex this near, along the surface at rest, to the skin it went through is in a fold,
+                metres.
             tolerance: d_tol, by which flesh gives way, metres.
             at_once: Most solid angles or distances to hold at once; bounds the memory, not the value.
 
         Raises:
-            ValueError: A length is negative, or the hand's surface cannot be cut into closed parts.
+            ValueError: A length is negative, or the hand's surface is not closed.
         """
         super().__init__()
         if geodesic < 0 or tolerance < 0:
@@ -76,9 +78,7 @@ class NonPenetration(nn.Module):
         return losses.view(vertices.shape[:-2])
 
     @torch.no_grad()
-    def depths(
-        self, vertices: Float[Tensor, "*batch vertex 3"]
-    ) -> Float[Tensor, "*batch vertex"]:
+    def depths(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Float[Tensor, "*batch vertex"]:
         """d(v) of every vertex inside another part and zero of the others, metres, without gradient."""
         hands = vertices.reshape(-1, *vertices.shape[-2:])
         contacts = self.contacts(hands, 0.0)
@@ -93,7 +93,7 @@ class NonPenetration(nn.Module):
 
     @torch.no_grad()
     def contacts(self, hands: Float[Tensor, "hand vertex 3"], least: float) -> Contacts:
-        """Every vertex deeper than `least` inside another part, with the triangle through which it is nearest out.
+        """Every vertex deeper than `least` inside another part, with the triangle nearest to it.
 
         Args:
             hands: Metres.
@@ -101,7 +101,10 @@ class NonPenetration(nn.Module):
         """
         found = [self._contacts_of_some(some, least) for some in hands.split(_HANDS_AT_ONCE)]
         return Contacts.joined(
-            [replace(some, hand=some.hand + _HANDS_AT_ONCE * turn) for turn, some in enumerate(found)]
+            [
+                replace(some, hand=some.hand + _HANDS_AT_ONCE * turn)
+                for turn, some in enumerate(found)
+            ]
         )
 
     def _contacts_of_some(self, hands: Float[Tensor, "hand vertex 3"], least: float) -> Contacts:

@@ -15,7 +15,11 @@ def nearest_on_triangles(
     """
     origin, second, third = triangles.unbind(dim=-2)
     along, across, towards = second - origin, third - origin, points - origin
-    squared_along, squared_across, skew = _dot(along, along), _dot(across, across), _dot(along, across)
+    squared_along, squared_across, skew = (
+        _dot(along, along),
+        _dot(across, across),
+        _dot(along, across),
+    )
     on_along, on_across = _dot(along, towards), _dot(across, towards)
     area = squared_along * squared_across - skew.square()
 
@@ -46,5 +50,7 @@ def nearest_on_triangles(
     return torch.stack([1 - first - last, first, last], dim=-1)
 
 
-def _dot(first: Float[Tensor, "*pair 3"], second: Float[Tensor, "*pair 3"]) -> Float[Tensor, "*pair"]:
+def _dot(
+    first: Float[Tensor, "*pair 3"], second: Float[Tensor, "*pair 3"]
+) -> Float[Tensor, "*pair"]:
     return (first * second).sum(dim=-1)

@@ -1,7 +1,7 @@
 """How often a closed surface winds around a point: the inside test of non-penetration (Sec. 3.2, Eq. 4).
 
-The generalized winding number (Jacobson et al., ACM TOG 2013) adds the solid angles under which a point sees the
-triangles (Van Oosterom & Strackee, IEEE TBME 1983): 1 inside, 0 outside, 2 where two parts overlap.
+The generalized winding number (Jacobson et al., ACM TOG 2013) adds the solid angles under which a point sees
+the triangles (Van Oosterom & Strackee, IEEE TBME 1983): 1 inside, 0 outside, 2 where two parts overlap.
 """
 
 import math
@@ -28,11 +28,11 @@ def winding_number(
 
     Queries are a flat list, so that only points in question cost anything.
 
-    A point that *is* a vertex of its surface does not see the triangles that meet there: their solid angles are
-    exactly zero. What remains is the share of directions that point into the surface at that vertex (½ where it
-    is flat, always between 0 and 1) plus the number of other layers around it. So a vertex is inside another
-    part of its own surface when its winding number is above 1, and a vertex of another surface when it is
-    above ½.
+    A point that *is* a vertex of its surface does not see the triangles that meet there: their solid angles
+    are exactly zero. What remains is the share of directions that lead inwards at that vertex (½ where the
+    surface is flat, always between 0 and 1) plus the number of other layers around it. So a vertex is inside
+    another part of its own surface when its winding number is above 1, and a point of another surface is
+    inside when it is above ½.
 
     Args:
         points: Metres.
@@ -78,6 +78,6 @@ def _turns(
 
 
 def _dot(
-    first: Float[Tensor, "3 *rows"], second: Float[Tensor, "3 *rows"]
-) -> Float[Tensor, "*rows"]:
+    first: Float[Tensor, "3 place query"], second: Float[Tensor, "3 place query"]
+) -> Float[Tensor, "place query"]:
     return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]

@@ -72,6 +72,10 @@ class Staged(DataTerm):
         second: From the switch on; Eq. 7 in the paper.
         switch_at: When, in `unit`s; it must leave the first stage a step at least.
         unit: `share` of the run's steps (below one), or a number of finished `epoch`s or of `step`s.
+        keep_balance: Multiply the second stage by 2σ̄², σ̄ being the RMS of the residuals at the switch: the
+            likelihood then weighs landmarks against each other as Eq. 7 does, and all of them together
+            against the prior as the first stage did. Without, it is Eq. 7 to the letter, and the prior
+            gains by 2σ̄² (`docs/decisions.md`).
 
     Raises:
         ValueError: The unit is unknown, or the time leaves no first stage or is no share.
@@ -79,9 +83,16 @@ class Staged(DataTerm):
 
     stages = 2
     switched: Tensor
+    factor: Tensor
 
     def __init__(
-        self, first: DataTerm, second: DataTerm, *, switch_at: float, unit: str = "share"
+        self,
+        first: DataTerm,
+        second: DataTerm,
+        *,
+        switch_at: float,
+        unit: str = "share",
+        keep_balance: bool = False,
     ) -> None:
         super().__init__()
         _check_time(switch_at, unit)
@@ -92,7 +103,9 @@ class Staged(DataTerm):
         self.needs_correlation = first.needs_correlation or second.needs_correlation
         self.learns_sigma = second.learns_sigma
         self.running = RunningResidual()
+        self.keep_balance = keep_balance
         self.register_buffer("switched", torch.tensor(False))
+        self.register_buffer("factor", torch.tensor(1.0))
 
     @property
     def stage(self) -> int:
@@ -113,7 +126,10 @@ class Staged(DataTerm):
         if self.stage == 1 or not self._due(step, epoch, total_steps):
             return False
         self.switched.fill_(True)
-        self.second.start(self.running_log_sigma())
+        start = self.running_log_sigma()
+        self.second.start(start)
+        if self.keep_balance:
+            self.factor.fill_(2 * torch.exp(2 * start).mean())
         return True
 
     def observe(
@@ -140,8 +156,9 @@ class Staged(DataTerm):
         correlation: Float[Tensor, "*batch landmark=21"] | None,
     ) -> Float[Tensor, "*batch landmark=21"]:
         """What the term that is at work says."""
-        term = self.second if self.stage else self.first
-        return term.cost(residual, log_sigma, correlation)
+        if self.stage == 0:
+            return self.first.cost(residual, log_sigma, correlation)
+        return self.factor * self.second.cost(residual, log_sigma, correlation)
 
     def _due(self, step: int, epoch: int, total_steps: int) -> bool:
         if self.unit == "epoch":

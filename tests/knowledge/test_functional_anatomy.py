@@ -236,29 +236,31 @@ def test_a_rule_touches_nothing_but_what_it_is_about(ranges: RangeOfMotion, rule
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
+@pytest.mark.parametrize("reverse", [True, False])
 def test_agrees_with_the_rules_written_out_finger_by_finger(
-    ranges: RangeOfMotion, variant: str, shape: tuple[int, ...]
+    ranges: RangeOfMotion, variant: str, shape: tuple[int, ...], *, reverse: bool
 ) -> None:
     angles = torch.randn(*shape, 15, 3, dtype=torch.float64)
-    refined = FunctionalAnatomy(variant=variant).refine(ranges, angles)
+    anatomy = FunctionalAnatomy(variant=variant, bend_by_splay=reverse)
+    refined = anatomy.refine(ranges, angles)
     assert refined.lower.shape == refined.upper.shape == (*shape, 15, 3)
     hands = angles.reshape(-1, 15, 3).numpy()
     base = ranges.lower.numpy(), ranges.upper.numpy()
-    expected = np.array([_written_out(hand, base, variant) for hand in hands])
+    expected = np.array([_written_out(hand, base, variant, reverse=reverse) for hand in hands])
     expected = expected.transpose(1, 0, 2, 3).reshape(2, *shape, 15, 3)
     assert_close(refined.lower, torch.as_tensor(expected[0]))
     assert_close(refined.upper, torch.as_tensor(expected[1]))
 
 
 def _written_out(
-    hand: np.ndarray, base: tuple[np.ndarray, np.ndarray], variant: str
+    hand: np.ndarray, base: tuple[np.ndarray, np.ndarray], variant: str, *, reverse: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. 2–3 of one hand, one joint at a time."""
     lower, upper = base[0].copy(), base[1].copy()
     clipped = np.clip(hand, *base)
     for knuckle in (0, 3, 6, 9):
         for driver, driven in ((0, 1), (1, 0)):
-            if (variant, driver) == ("release", 1):
+            if driver == 1 and (variant == "release" or not reverse):
                 continue
             angle = clipped[knuckle, driver]
             share = _share(angle, base[0][knuckle, driver], base[1][knuckle, driver], variant)

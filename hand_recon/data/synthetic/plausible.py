@@ -13,12 +13,15 @@ _SEGMENTS: Final = tuple(
     (start, end, radius)
     for finger in range(5)
     for start, end, radius in (
-        (1 + 4 * finger, 2 + 4 * finger, 0.010 if finger == 0 else 0.0085),
+        (1 + 4 * finger, 2 + 4 * finger, 0.016 if finger == 0 else 0.0085),
         (2 + 4 * finger, 3 + 4 * finger, 0.009 if finger == 0 else 0.0075),
         (3 + 4 * finger, 4 + 4 * finger, 0.008 if finger == 0 else 0.0065),
     )
-) + tuple((0, 5 + 4 * finger, 0.009) for finger in range(4))
-"""Landmarks at the ends and radius in metres: three bones of each finger, then the metacarpals."""
+) + tuple((0, 5 + 4 * finger, 0.017) for finger in range(4))
+"""Landmarks at the ends and radius in metres: three bones of each finger, then the metacarpals.
+
+Metacarpals are as thick as the flesh in front of them, which is where fingertips meet it.
+"""
 
 
 def _pairs() -> Int[np.ndarray, "pair 2"]:
