@@ -56,7 +56,11 @@ class PartBounds(nn.Module):
         pair, hand = overlap.all(dim=-1).nonzero(as_tuple=True)
         vertex, part = self.groups[group[pair]], part[pair]
         place = vertex * heights.shape[1] + hand[:, None]
-        height = heights.flatten(0, 1).index_select(0, place.flatten()).view(*place.shape, heights.shape[-1])
+        height = (
+            heights.flatten(0, 1)
+            .index_select(0, place.flatten())
+            .view(*place.shape, heights.shape[-1])
+        )
         within = height <= high[part, hand][:, None]
         within &= height >= low[part, hand][:, None]
         wanted = within.all(dim=-1) & self.opponents[vertex, part[:, None]]

@@ -55,7 +55,7 @@ class NonPenetration(nn.Module):
                 "geodesic and tolerance are lengths in metres and cannot be negative, "
                 f"found {geodesic} and {tolerance}."
             )
-        self.tolerance = tolerance
+        self.tolerance, self.at_once = tolerance, at_once
         parts = closed_parts(hand)
         template = hand.template.double().cpu().numpy()
         apart = geodesic_distances(template, parts.skin)[:, parts.skin].min(axis=-1) > geodesic
@@ -113,6 +113,7 @@ class NonPenetration(nn.Module):
         queries = zip(self.parts, hand.split(counts), vertex.split(counts), strict=True)
         points = points.permute(1, 2, 0).contiguous()
         pairs = Contacts.joined([part(points, *query, least) for part, *query in queries])
-        depths = pairs.depths(hands)
+        lots = torch.arange(len(pairs.hand), device=hands.device).split(self.at_once)
+        depths = torch.cat([pairs.where(lot).depths(hands) for lot in lots])
         nearest = pairs.nearest(depths, hands.shape[1])
         return pairs.where(nearest[(depths[nearest] > least) & pairs.apart[nearest]])
