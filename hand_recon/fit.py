@@ -5,7 +5,6 @@ python -m hand_recon.fit landmarks=hands.json intrinsics=K.json prior=biomechani
 python -m hand_recon.fit data=views +experiment=ablation_row4
 """
 
-import json
 import logging
 import time
 from collections.abc import Callable, Iterator

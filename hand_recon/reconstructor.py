@@ -98,8 +98,8 @@ class Reconstructor(nn.Module):
             {name: nn.Linear(width, size) for name, size in self.sizes.items()}
         )
         for name, parameter in self.decoders.named_parameters():
-            # σ and its correlation stay at their start, the same for every hand, until a likelihood trains them:
-            # what an untrained σ drifts to would be noise, in the feedback and at the switch.
+            # σ and its correlation stay at their start, the same for every hand, until a likelihood trains
+            # them: what an untrained σ drifts to would be noise at the switch.
             if name.endswith("weight") and not name.startswith(("log_sigma", "correlation")):
                 nn.init.xavier_uniform_(parameter, gain=0.01)
             else:

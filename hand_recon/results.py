@@ -156,6 +156,7 @@ def _mean_pose_scores(mean: HandPoints, data: HandDataModule) -> dict[str, float
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write what a run leaves for other programs."""
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
@@ -237,6 +238,7 @@ def _draw_ellipses(run: Run, shown: _Shown) -> tuple[tuple[str, Path], ...]:
 
 
 def environment() -> dict[str, str]:
+    """Versions, the device and the command line."""
     cuda = torch.cuda.get_device_name() if torch.cuda.is_available() else "none"
     return {
         "hand_recon": __version__,

@@ -1,7 +1,7 @@
 """3D labels for some of the hands, where there are any: Table 3 (b) of the paper's discussion.
 
-The method learns without them. To say what they would add, a share of the training hands gives its 3D landmarks
-away too; which hands is fixed by their place in the dataset, so that it is the same in every epoch and run.
+The method learns without them. To say what they would add, a share of the training hands gives its 3D
+landmarks away too; which hands is fixed by their place in the dataset: the same in every epoch and run.
 """
 
 from typing import Final

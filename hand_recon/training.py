@@ -140,7 +140,7 @@ class HandReconstruction(lightning.LightningModule):
         )
 
     def _start_sigma_at_the_residual(self, prediction: HandPrediction) -> None:
-        """Start σ at the running residual, so that the pull on the means falls by 1/(2σ²) and no jump else."""
+        """Start σ at the running residual, so that the gradient on the means changes by one factor alone."""
         start = self.data_term.running_log_sigma()
         self.reconstructor.shift_log_sigma(start - prediction.log_sigma.detach().mean(dim=0))
         logger.info(

@@ -2,8 +2,8 @@
 
     python tools/build_pose_components.py
 
-The same file on every run. What varies less than two degrees is held to two: mixtures of gestures never twist a
-finger, and a prior that forbade it outright would have learnt that from a sampler and not from hands.
+The same file on every run. What varies less than two degrees is held to two: mixtures of gestures never twist
+a finger, and a prior that forbade it outright would have learnt that from a sampler and not from hands.
 """
 
 from pathlib import Path

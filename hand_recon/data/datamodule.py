@@ -31,7 +31,9 @@ class HandDataset(Protocol):
 class BatchedDataset(HandDataset, Protocol):
     """A dataset that makes whole batches itself, which is many times faster for small samples."""
 
-    def batch(self, indices: list[int], /) -> HandBatch: ...
+    def batch(self, indices: list[int], /) -> HandBatch:
+        """Several samples, stacked as `collate` would."""
+        ...
 
 
 DatasetFactory = Callable[[], HandDataset]

@@ -1,1 +1,1 @@
-"""Fitting one hand at a time to its 2D landmarks, with the knowledge and likelihood of training (Sec. 3.2–3.3)."""
+"""Fitting each hand to its 2D landmarks, with the knowledge and likelihood of training (Sec. 3.2–3.3)."""

@@ -1,4 +1,4 @@
-"""Descent from several starts to one hand per set of landmarks: the loss of training, no network (Sec. 3.4)."""
+"""Descent from several starts to one hand per set of landmarks: training's loss, no network (Sec. 3.4)."""
 
 import copy
 import math
@@ -33,8 +33,8 @@ class Descent:
     rate: float = 0.1
     """Largest step of a joint angle, radians; it falls to zero as a cosine."""
     contact_from: float = 0.6
-    """Share of the steps after which the start with the smallest loss goes on alone, and the non-penetration term
-    joins: before, poses mean little, and a finger must be free to pass through another."""
+    """Share of the steps after which the start with the smallest loss goes on alone, and the non-penetration
+    term joins: before, poses mean little, and a finger must be free to pass through another."""
     hands_at_once: int = 256
     """Hands (times starts) in one batch: what fits a processor's cache is fastest."""
 

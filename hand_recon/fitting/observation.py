@@ -44,7 +44,7 @@ class Observation:
         )
 
     def log_sigma(self) -> Float[Tensor, "hand landmark=21 2"]:
-        """log σ of each coordinate, `UNKNOWN_SIGMA` where nothing is known."""
+        """Logarithm of σ of each coordinate, `UNKNOWN_SIGMA` where nothing is known."""
         unknown = torch.full_like(self.landmarks_2d[..., 0], UNKNOWN_SIGMA)
         sigma = (
             unknown

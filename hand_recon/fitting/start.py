@@ -1,8 +1,8 @@
 """Where a fit starts: the palm's two placements that a picture cannot tell apart, in closed form.
 
-The wrist and the bases of the fingers move little against each other and lie nearly in a plane. Seen from far
-away, a plane leaves two answers: tilted towards the camera, or as far away from it. All that descent from a random
-start mostly finds is one of these (`docs/decisions.md`), so that both are computed and tried.
+The wrist and the bases of the fingers move little against each other and lie nearly in a plane. Seen from
+far away, a plane leaves two answers: tilted towards the camera, or as far away from it. Descent from a random
+start finds one of them if it is lucky (`docs/decisions.md`); so both are computed, and both are tried.
 """
 
 from dataclasses import dataclass

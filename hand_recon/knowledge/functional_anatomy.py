@@ -47,8 +47,8 @@ class FunctionalAnatomy:
     splay_by_bend: bool = True
     """Type (i), Eq. 2: the farther an MCP is bent, the less it can splay."""
     bend_by_splay: bool = False
-    """The reverse that the text asks for: the farther an MCP is splayed, the less it can bend. Off: it forbids
-    what `splay_by_bend` forbids, priced in degrees of bend, and costs accuracy (`docs/decisions.md`)."""
+    """The reverse that the text asks for: the farther an MCP is splayed, the less it can bend. Off: it
+    forbids what `splay_by_bend` forbids, in degrees of bend, and costs accuracy (`docs/decisions.md`)."""
     pip_by_dip: bool = True
     """Type (ii), Eq. 3: a PIP does not overstretch while its DIP is flexed."""
     thumb_cmc: bool = True

@@ -39,7 +39,7 @@ def depths(vertices: Array, parts: ClosedParts, geodesics: Array, near: float) -
         around = parts.adjacent[inside[vertex]].any(axis=0) & parts.opponents[vertex]
         faces = parts.skin[around[parts.part_of_face]]
         here = np.repeat(vertices[vertex][None], len(faces), axis=0)
-        nearest = trimesh.triangles.closest_point(vertices[faces], here)
+        nearest = trimesh.triangles.closest_point(vertices[faces], here)  # type: ignore[no-untyped-call]
         distances = np.linalg.norm(nearest - here, axis=1)
         if geodesics[vertex][faces[distances.argmin()]].min() > near:
             result[vertex] = distances.min()

@@ -24,7 +24,8 @@ from hand_recon.knowledge.closed_parts import (
 from hand_recon.knowledge.physics import NonPenetration
 from hand_recon.knowledge.winding_number import winding_number
 from tests.knowledge import penetration_reference as reference
-from tests.knowledge.test_winding_number import Largest, capped
+from tests.knowledge.largest_tensor import LargestTensor
+from tests.knowledge.test_winding_number import capped
 from tests.tolerance import BATCH_SHAPES, assert_close
 
 NEAR = 0.02
@@ -282,7 +283,7 @@ def test_descent_takes_a_finger_out_of_the_palm(hand: HandModel, physics: NonPen
     angles[first : first + 3, 0] = torch.tensor([108.0, 112, 40]).deg2rad()
     angles.requires_grad_()
     optimiser = torch.optim.Adam([angles], lr=0.01)
-    for step in range(100):
+    for step in range(60):
         loss = physics(hand(angles, torch.zeros(10)).vertices)
         if step == 0:
             assert loss.item() > 0.001
@@ -323,7 +324,7 @@ def test_the_gradient_is_finite_for_hands_that_are_no_hands(
     assert strange.grad is not None
     assert torch.isfinite(loss).all()
     assert torch.isfinite(strange.grad).all()
-    assert float(loss[2]) > 0
+    assert loss[2].item() > 0
 
 
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
@@ -357,7 +358,9 @@ def test_the_loss_does_not_care_where_the_hand_is(hand: HandModel, physics: NonP
 
 def test_skin_that_is_near_along_the_surface_is_a_fold(hand: HandModel) -> None:
     vertices = wild(hand, 6)
-    losses = [NonPenetration(hand, geodesic=near)(vertices).sum() for near in (0.0, 0.02, 0.06, 1.0)]
+    losses = [
+        NonPenetration(hand, geodesic=near)(vertices).sum() for near in (0.0, 0.02, 0.06, 1.0)
+    ]
     assert losses[0] >= losses[1] > losses[2] > losses[3] == 0
 
 
@@ -368,14 +371,13 @@ def test_the_bound_on_memory_is_kept_and_changes_no_value(
     small, large = (NonPenetration(hand, at_once=bound) for bound in (4000, 10**9))
     assert_close(small(vertices), physics(vertices))
     assert_close(large(vertices), physics(vertices))
-    with Largest() as bounded:
+    with LargestTensor() as bounded:
         small.depths(vertices)
-    with Largest() as free:
+    with LargestTensor() as free:
         large.depths(vertices)
-    # What does not depend on the poses: corners of all triangles, and bounds of groups of vertices.
-    fixed = 8 * 7 * 33 * 32
-    assert bounded.numbers <= max(3 * 4000, fixed)
-    assert free.numbers > 4 * bounded.numbers
+    # The centres of 15 openings are weighted sums of each hand's vertices, whatever the pose.
+    assert bounded.numbers <= max(9 * 4000, 8 * 15 * 778)
+    assert free.numbers > 3 * bounded.numbers
 
 
 def test_nothing_of_it_is_saved_and_all_of_it_moves(hand: HandModel) -> None:

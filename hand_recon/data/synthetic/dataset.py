@@ -9,9 +9,9 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from hand_recon.data.upright import upright_motion
 from hand_recon.data.synthetic.picture_store import COLUMNS, ensure_store
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.upright import upright_motion
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.schema import HandBatch, HandParameters, HandSample
