@@ -96,8 +96,11 @@ def folder_name(overrides: str) -> str:
     return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{digest}"
 
 
-# Used by the sweeps in conf/train.yaml and conf/evaluate.yaml.
+# Used by the folders of conf/train.yaml, evaluate.yaml and fit.yaml.
 OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+OmegaConf.register_new_resolver(
+    "either", lambda first, second: second if first is None else first, replace=True
+)
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import hydra
 import torch
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon.configuration import (
@@ -70,7 +71,9 @@ def fit(config: DictConfig) -> dict[str, Any]:
             "synthetic test hands; and not both."
         )
     threads = set_threads(config.threads)
-    folder = claim_results_folder(config.output)
+    folder = claim_results_folder(
+        config.output or HydraConfig.get().runtime.output_dir,
+    )
     config = _of_the_data(config)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     hand = build_hand(config)

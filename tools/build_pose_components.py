@@ -9,6 +9,7 @@ a finger, and a prior that forbade it outright would have learnt that from a sam
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.knowledge import pose_components
@@ -17,22 +18,24 @@ POSES = 20_000
 LEAST = np.radians(2.0)
 
 
+def tables(poses: int = POSES) -> dict[str, Float[np.ndarray, "..."]]:
+    """What the file holds: the mean pose, the components by decreasing spread, and their deviations."""
+    random = np.random.Generator(np.random.PCG64(0))
+    angles = np.stack([sample_pose(random).ravel() for _ in range(poses)])
+    mean = angles.mean(axis=0)
+    _, spread, components = np.linalg.svd(angles - mean, full_matrices=False)
+    deviations = np.maximum(spread / np.sqrt(poses - 1), LEAST)
+    found = {"mean": mean, "components": components, "deviations": deviations}
+    return {name: values.astype(np.float32) for name, values in found.items()}
+
+
 def main() -> None:
     """Sample, decompose, write."""
-    random = np.random.Generator(np.random.PCG64(0))
-    poses = np.stack([sample_pose(random).ravel() for _ in range(POSES)])
-    mean = poses.mean(axis=0)
-    _, spread, components = np.linalg.svd(poses - mean, full_matrices=False)
-    deviations = np.maximum(spread / np.sqrt(POSES - 1), LEAST)
+    built = tables()
     path = Path(pose_components.__file__).parent / pose_components.TABLE
     with path.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            mean=mean.astype(np.float32),
-            components=components.astype(np.float32),
-            deviations=deviations.astype(np.float32),
-        )
-    kept = (deviations > LEAST).sum()
+        np.savez_compressed(stream, allow_pickle=False, **built)
+    kept = (built["deviations"] > LEAST).sum()
     print(f"{path}: {POSES} poses, {kept} components vary by more than {np.degrees(LEAST):.0f}°.")
 
 

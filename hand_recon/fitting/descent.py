@@ -161,15 +161,16 @@ def fit(
         further: Makes more starts per hand, such as a lifter's answer.
 
     Raises:
-        ValueError: There is no hand, or nothing to start from.
+        ValueError: There is nothing to start from.
     """
-    if not len(observation) or (not descent.starts and further is None):
+    if not descent.starts and further is None:
         raise ValueError(
-            f"A fit needs a hand and a start: found {len(observation)} hands and {descent.starts} starts."
+            "A fit needs a start: found descent.starts=0 and no lifter. Give 1 to 4 starts, or a lifter."
         )
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
     pieces = []
-    for first in range(0, len(observation), size):
+    # No hand at all is a batch too: a stretch of a video in which none was found.
+    for first in range(0, max(len(observation), 1), size):
         piece = observation[first : first + size]
         starts = _starts(piece, objective.hand, descent, further)
         pieces.append(_fit_batch(piece, starts, objective, descent))

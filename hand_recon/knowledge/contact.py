@@ -21,10 +21,10 @@ class Contacts:
     """Which hand."""
     vertex: Int[Tensor, " contact"]
     """Which of its vertices."""
+    part: Int[Tensor, " contact"]
+    """The part that it is inside of."""
     corners: Int[Tensor, "contact corner=3"]
     """The triangle."""
-    apart: Bool[Tensor, " contact"]
-    """Whether the two are far apart along the surface; if not, they are in a fold."""
 
     @classmethod
     def joined(cls, contacts: list["Contacts"]) -> "Contacts":
@@ -41,24 +41,28 @@ class Contacts:
 
         The nearest point keeps its place in the triangle: moving it along would not change the distance.
         """
-        points = vertices[self.hand, self.vertex]
         triangles = vertices[self.hand[:, None], self.corners]
-        weights = nearest_on_triangles(points.detach(), triangles.detach())
-        return (points - (weights[..., None] * triangles).sum(dim=-2)).norm(dim=-1)
+        nearest = (self.weights(vertices)[..., None] * triangles).sum(dim=-2)
+        return (vertices[self.hand, self.vertex] - nearest).norm(dim=-1)
 
-    def nearest(self, depths: Float[Tensor, " contact"], vertices: int) -> Int[Tensor, " vertex"]:
-        """The contact of every vertex that has the least depth.
+    @torch.no_grad()
+    def weights(
+        self, vertices: Float[Tensor, "hand vertex 3"]
+    ) -> Float[Tensor, "contact corner=3"]:
+        """Where on each triangle the point nearest to the vertex is."""
+        triangles = vertices[self.hand[:, None], self.corners]
+        return nearest_on_triangles(vertices[self.hand, self.vertex], triangles)
 
-        Args:
-            depths: Of each contact.
-            vertices: How many a hand has.
-        """
-        order = depths.argsort()
-        place = (self.hand * vertices + self.vertex)[order]
-        rank = torch.arange(len(order), device=order.device)
-        places = int(self.hand.max()) * vertices + vertices if len(order) else 0
-        first = rank.new_full((places,), len(order)).scatter_reduce_(0, place, rank, "amin")
-        return order[first[first < len(order)]]
+
+def first_of_each(
+    group: Int[Tensor, " item"], value: Float[Tensor, " item"]
+) -> Int[Tensor, " group"]:
+    """The item with the least value in every group that has one."""
+    order = value.argsort()
+    count = int(group.max()) + 1 if len(group) else 0
+    rank = torch.arange(len(order), device=order.device)
+    first = rank.new_full((count,), len(order)).scatter_reduce_(0, group[order], rank, "amin")
+    return order[first[first < len(order)]]
 
 
 class PartContacts(nn.Module):
@@ -74,18 +78,14 @@ class PartContacts(nn.Module):
     skin: Tensor
     around: Tensor
     rivals: Tensor
-    apart: Tensor
     outline: Tensor
 
-    def __init__(
-        self, parts: ClosedParts, index: int, apart: Bool[np.ndarray, "vertex face"], at_once: int
-    ) -> None:
+    def __init__(self, parts: ClosedParts, index: int, at_once: int) -> None:
         """Prepare a part.
 
         Args:
             parts: The hand's.
             index: Which of them.
-            apart: Whether a face counts for a vertex: others are too near along the surface.
             at_once: Most solid angles or distances to hold at once.
         """
         super().__init__()
@@ -96,8 +96,7 @@ class PartContacts(nn.Module):
         for name, array in (
             ("vertices", vertices), ("triangles", own.reshape(-1, 3)),
             ("skin", parts.skin[parts.part_of_face == index]), ("around", parts.skin[around]),
-            ("rivals", parts.opponents[:, parts.part_of_face[around]]), ("apart", apart[:, around]),
-            ("outline", parts.palm_outline),
+            ("rivals", parts.opponents[:, parts.part_of_face[around]]), ("outline", parts.palm_outline),
         ):  # fmt: skip
             self.register_buffer(name, torch.from_numpy(array), persistent=False)
 
@@ -124,7 +123,7 @@ class PartContacts(nn.Module):
         if len(hand):
             return self._within_reach(points, hand, vertex)
         none = hand.new_zeros(0)
-        return Contacts(none, none, none.new_zeros(0, 3), none.bool())
+        return Contacts(none, none, none, none.new_zeros(0, 3))
 
     def _far_from_skin(
         self, points: Float[Tensor, "point 3 hand"], hand: Tensor, vertex: Tensor, least: float
@@ -189,8 +188,8 @@ class PartContacts(nn.Module):
             nearest = gaps.amin(dim=1, keepdim=True)
             possible = gaps.sub_(reach.index_select(0, turn)) <= nearest
             query, face = possible.nonzero(as_tuple=True)
-            apart = self.apart[of_vertex[query], face]
-            found.append(Contacts(of_hand[query], of_vertex[query], self.around[face], apart))
+            part = torch.full_like(query, self.index)
+            found.append(Contacts(of_hand[query], of_vertex[query], part, self.around[face]))
         return Contacts.joined(found)
 
     def _lots(self, width: int, *columns: Tensor) -> Iterator[tuple[Tensor, ...]]:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.closed_parts import closed_parts, geodesic_distances
-from hand_recon.knowledge.contact import Contacts, PartContacts
+from hand_recon.knowledge.contact import Contacts, PartContacts, first_of_each
 from hand_recon.knowledge.part_bounds import PartBounds
 from hand_recon.knowledge.winding_number import SOLID_ANGLES_AT_ONCE
 
@@ -23,11 +23,13 @@ class NonPenetration(nn.Module):
     The surface is cut into the palm and fourteen phalanges, each closed (`ClosedParts`). A vertex is inside
     when a part winds around it that is neither its own nor next to its own: where parts meet, skinning folds
     the skin. d(v) is its distance to the skin of that part and of those next to it, again without those next
-    to its own; if the nearest triangle is within `geodesic` along the surface at rest, it is a fold, too. The
-    inside test and the choice of the nearest triangle have no gradient; the distance has.
+    to its own; if the nearest point is within `geodesic` along the surface at rest, it is a fold, too. Inside
+    two parts, the deeper counts. The inside test and the choice of the nearest triangle have no gradient; the
+    distance has.
     """
 
     centres: Tensor
+    ways: Tensor
 
     def __init__(
         self,
@@ -55,14 +57,17 @@ class NonPenetration(nn.Module):
                 "geodesic and tolerance are lengths in metres and cannot be negative, "
                 f"found {geodesic} and {tolerance}."
             )
-        self.tolerance, self.at_once = tolerance, at_once
+        self.geodesic, self.tolerance, self.at_once = geodesic, tolerance, at_once
         parts = closed_parts(hand)
         template = hand.template.double().cpu().numpy()
-        apart = geodesic_distances(template, parts.skin)[:, parts.skin].min(axis=-1) > geodesic
-        self.register_buffer("centres", torch.from_numpy(parts.centres).float(), persistent=False)
+        for name, array in (
+            ("centres", parts.centres),
+            ("ways", geodesic_distances(template, parts.skin)),
+        ):
+            self.register_buffer(name, torch.from_numpy(array).float(), persistent=False)
         self.bounds = PartBounds(parts)
         self.parts = nn.ModuleList(
-            PartContacts(parts, index, apart, at_once) for index in range(len(parts.faces))
+            PartContacts(parts, index, at_once) for index in range(len(parts.faces))
         )
 
     def forward(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Float[Tensor, "*batch"]:
@@ -115,5 +120,12 @@ class NonPenetration(nn.Module):
         pairs = Contacts.joined([part(points, *query, least) for part, *query in queries])
         lots = torch.arange(len(pairs.hand), device=hands.device).split(self.at_once)
         depths = torch.cat([pairs.where(lot).depths(hands) for lot in lots])
-        nearest = pairs.nearest(depths, hands.shape[1])
-        return pairs.where(nearest[(depths[nearest] > least) & pairs.apart[nearest]])
+        place = pairs.hand * hands.shape[1] + pairs.vertex
+        nearest = first_of_each(place * len(self.parts) + pairs.part, depths)
+        contacts, depths = pairs.where(nearest), depths[nearest]
+        ways = self.ways[contacts.vertex[:, None], contacts.corners].to(hands)
+        far = (ways * contacts.weights(hands)).sum(dim=1) > self.geodesic
+        counting = ((depths > least) & far).nonzero()[:, 0]
+        # A vertex inside two parts at once is as deep as in the deeper one.
+        deepest = first_of_each(place[nearest][counting], -depths[counting])
+        return contacts.where(counting[deepest])

@@ -35,12 +35,17 @@ def depths(vertices: Array, parts: ClosedParts, geodesics: Array, near: float) -
     """d(v) of the vertices that are inside, zero of the others."""
     result = np.zeros(len(vertices))
     inside = containing(vertices, parts)
-    for vertex in np.flatnonzero(inside.any(axis=1)):
-        around = parts.adjacent[inside[vertex]].any(axis=0) & parts.opponents[vertex]
+    for vertex, part in np.argwhere(inside):
+        around = parts.adjacent[part] & parts.opponents[vertex]
         faces = parts.skin[around[parts.part_of_face]]
         here = np.repeat(vertices[vertex][None], len(faces), axis=0)
         nearest = trimesh.triangles.closest_point(vertices[faces], here)  # type: ignore[no-untyped-call]
         distances = np.linalg.norm(nearest - here, axis=1)
-        if geodesics[vertex][faces[distances.argmin()]].min() > near:
-            result[vertex] = distances.min()
+        first = distances.argmin()
+        corners = faces[first]
+        share = trimesh.triangles.points_to_barycentric(
+            vertices[corners][None], nearest[first][None]
+        )
+        if share[0] @ geodesics[vertex][corners] > near:
+            result[vertex] = max(result[vertex], distances.min())
     return result

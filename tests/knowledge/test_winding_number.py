@@ -44,7 +44,7 @@ def test_a_sphere_is_once_around_what_is_inside_and_not_around_what_is_outside()
 
 def test_where_two_spheres_overlap_the_surface_is_twice_around() -> None:
     one = trimesh.creation.icosphere()
-    vertices = np.concatenate([one.vertices, one.vertices + [1, 0, 0]])
+    vertices = np.concatenate([one.vertices, one.vertices + np.array([1, 0, 0])])
     faces = np.concatenate([one.faces, one.faces + len(one.vertices)])
     both = trimesh.Trimesh(vertices, faces, process=False)
     assert_close(winding([[0.5, 0, 0], [-0.5, 0, 0], [1.5, 0, 0]], both), torch.tensor([2.0, 1, 1]))
