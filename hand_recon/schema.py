@@ -46,6 +46,8 @@ class _TensorRecord:
                 joined[field.name] = torch.cat(values)
             elif isinstance(values[0], _TensorRecord):
                 joined[field.name] = values[0].join(values)
+            elif isinstance(values[0], tuple):
+                joined[field.name] = tuple(entry for value in values for entry in value)
             else:
                 joined[field.name] = values[0]
         return cls(**joined)
@@ -146,6 +148,12 @@ class HandBatch(_TensorRecord):
 
     def __len__(self) -> int:
         return int(self.landmarks_2d.shape[0])
+
+    def select(self, which: Tensor | slice) -> Self:
+        """The same record of some of the hands, their sources among them."""
+        places = torch.arange(len(self))[which.cpu() if isinstance(which, Tensor) else which]
+        sources = tuple(self.source[place] for place in places.tolist())
+        return replace(super().select(which), source=sources)
 
     @property
     def crop_size(self) -> int:

@@ -95,9 +95,7 @@ GROUPS = ("prior", "data_term", "supervision", "model", "recipe", "data", "optim
 """Groups of `conf/train.yaml` with a choice."""
 
 MEMBERS = [
-    (group, path.stem)
-    for group in GROUPS
-    for path in sorted((Path(CONF) / group).glob("*.yaml"))
+    (group, path.stem) for group in GROUPS for path in sorted((Path(CONF) / group).glob("*.yaml"))
 ]
 
 

@@ -125,7 +125,9 @@ def test_a_run_is_not_continued_with_other_settings(
     run: tuple[Path, dict[str, object]], cache: Path, tmp_path: Path
 ) -> None:
     folder, _ = run
-    with pytest.raises(ValueError, match=r"other settings: .*prior\.range_of_motion was 20000.0, is 0.0"):
+    with pytest.raises(
+        ValueError, match=r"other settings: .*prior\.range_of_motion was 20000.0, is 0.0"
+    ):
         train(settings(cache, tmp_path, *SMALL, "prior=none", f"resume={folder}"))
 
 

@@ -8,9 +8,9 @@ import torch
 from torchvision import models
 
 from hand_recon.camera import default_intrinsics, project
+from hand_recon.encoder import ImageEncoder
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
-from hand_recon.encoder import ImageEncoder
 from hand_recon.reconstructor import STATE_SIZE, Reconstructor
 from hand_recon.schema import HandBatch
 from tests.tolerance import assert_close

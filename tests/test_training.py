@@ -134,7 +134,10 @@ def test_3d_labels_join_the_loss_only_where_they_are_given(
     hand: HandModel, lifter: Callable[..., HandReconstruction]
 ) -> None:
     hands = views(hand, known_hands(hand, 3))
-    without, with_labels = lifter(SquaredError()), lifter(SquaredError(), Landmarks3D(weight=500_000.0))
+    without, with_labels = (
+        lifter(SquaredError()),
+        lifter(SquaredError(), Landmarks3D(weight=500_000.0)),
+    )
     with_labels.load_state_dict(without.state_dict())
     prediction = without(hands)
     losses = [each.losses(hands, prediction) for each in (without, with_labels)]

@@ -57,13 +57,18 @@ def test_a_view_is_its_picture_without_the_pixels(split: str) -> None:
 @pytest.mark.parametrize("split", ["train", "val", "test"])
 def test_only_test_pictures_have_labels_without_noise(split: str) -> None:
     recipe = Recipe(split, level_named("hard"), 224, 0)
-    of_picture, alone = synthetic_view(recipe, 2), synthetic_view(replace(recipe, pictures=False), 2)
+    of_picture, alone = (
+        synthetic_view(recipe, 2),
+        synthetic_view(replace(recipe, pictures=False), 2),
+    )
     differing = {
         name
         for name in NAMES
         if not np.array_equal(getattr(of_picture, name), getattr(alone, name), equal_nan=True)
     }
-    assert differing == ({"landmarks_2d", "label_noise", "confidence"} if split == "test" else set())
+    assert differing == (
+        {"landmarks_2d", "label_noise", "confidence"} if split == "test" else set()
+    )
     assert (alone.label_noise >= 2).all()
     if split == "test":
         assert of_picture.labelled.all()
@@ -92,7 +97,7 @@ def test_confidence_falls_with_the_noise_but_knows_no_outlier(
     outlier = np.isclose(noise, level_named("hard").noise_outlier)
     assert 0.005 < outlier.mean() < 0.04
     ranks = [np.argsort(np.argsort(values)) for values in (noise[~outlier], confidence[~outlier])]
-    assert np.corrcoef(ranks)[0, 1] < -0.6
+    assert np.corrcoef(np.stack(ranks))[0, 1] < -0.6
     # Half sure at 5 px, whatever the detector then misjudges.
     near = confidence[np.abs(noise - 5) < 0.5]
     assert np.median(near) == pytest.approx(0.5, abs=0.06)
@@ -166,7 +171,9 @@ def test_no_picture_is_painted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_views_and_pictures_of_one_recipe_live_apart(cache: Path) -> None:
-    recipes = [Recipe("train", level_named("hard"), 224, 0, pictures=which) for which in (True, False)]
+    recipes = [
+        Recipe("train", level_named("hard"), 224, 0, pictures=which) for which in (True, False)
+    ]
     assert len({picture_store.store_path(cache, recipe, 6) for recipe in recipes}) == 2
 
 

@@ -28,9 +28,7 @@ def seen(hand: HandModel) -> HandBatch:
     cameras[:, 0, 0] = cameras[:, 1, 1] = torch.linspace(300, 900, 12)
     cameras[:, :2, 2] = 112 + 40 * torch.randn(12, 2)
     assert batch.landmarks_3d is not None
-    return replace(
-        batch, intrinsics=cameras, landmarks_2d=project(batch.landmarks_3d, cameras)
-    )
+    return replace(batch, intrinsics=cameras, landmarks_2d=project(batch.landmarks_3d, cameras))
 
 
 def without(batch: HandBatch, missing: list[int]) -> HandBatch:
@@ -56,9 +54,7 @@ def box(batch: HandBatch) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 @pytest.mark.parametrize("missing", [[], [WRIST], KNUCKLES, [4, 8, 12, 16, 20]])
-def test_the_landmarks_fill_seven_tenths_in_the_middle(
-    seen: HandBatch, missing: list[int]
-) -> None:
+def test_the_landmarks_fill_seven_tenths_in_the_middle(seen: HandBatch, missing: list[int]) -> None:
     middle, side = box(upright(without(seen, missing)))
     torch.testing.assert_close(middle, torch.full((12, 2), 112.0), atol=1e-3, rtol=0)
     torch.testing.assert_close(side, torch.full((12,), 0.7 * 224), atol=1e-3, rtol=0)
@@ -124,9 +120,7 @@ def test_a_turned_shifted_and_scaled_picture_gives_the_same_crop(
     seen: HandBatch, degrees: float
 ) -> None:
     angle = math.radians(degrees)
-    turn = torch.tensor(
-        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-    )
+    turn = torch.tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     other = replace(seen, landmarks_2d=1.7 * seen.landmarks_2d @ turn.mT + 31.0)
     torch.testing.assert_close(
         upright(other).landmarks_2d, upright(seen).landmarks_2d, atol=5e-3, rtol=0

@@ -193,3 +193,55 @@ def test_a_mirrored_hand_poses_as_the_mirror_image(hand64: HandModel) -> None:
     signs = torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)
     mirrored = left(angles * signs, shape).vertices
     assert_close(mirrored, hand64(angles, shape).vertices @ mirror.double())
+
+
+@pytest.mark.parametrize("landmarks", ["knuckle", "mano"])
+@pytest.mark.parametrize("shape", BATCH_SHAPES)
+def test_the_hand_of_its_landmarks_has_them_and_their_gradients(
+    landmarks: str, shape: tuple[int, ...]
+) -> None:
+    """A tenth of the vertices give the same landmarks, to the last bit but one."""
+    whole = HandModel(load_open_hand(), landmarks).double()
+    light = whole.of_landmarks()
+    results = []
+    for hand in (whole, light):
+        leaves = [value.requires_grad_() for value in map(torch.clone, seeded_pose(shape))]
+        posed = hand(leaves[0], leaves[1])
+        posed.landmarks.square().sum().backward()
+        results.append(
+            (posed.landmarks.detach(), posed.joints.detach(), leaves[0].grad, leaves[1].grad)
+        )
+    for full, few in zip(*results, strict=True):
+        assert full is not None
+        assert few is not None
+        assert_close(few, full)
+
+
+def seeded_pose(shape: tuple[int, ...]) -> tuple[torch.Tensor, torch.Tensor]:
+    torch.manual_seed(3)
+    return pose(shape)
+
+
+def test_the_hand_of_its_landmarks_is_light_and_leaves_the_whole_one_alone(
+    hand64: HandModel,
+) -> None:
+    before = {name: buffer.clone() for name, buffer in hand64.named_buffers()}
+    light = hand64.of_landmarks()
+    assert 10 < len(light.template) < len(hand64.template) / 5
+    assert light.faces.shape == (0, 3)
+    assert light.wrist_ring.shape == (0,)
+    assert (light.landmarks, light.name) == (hand64.landmarks, hand64.name)
+    light.template.zero_()
+    for name, buffer in hand64.named_buffers():
+        assert torch.equal(buffer, before[name]), name
+
+
+def test_the_hand_of_its_landmarks_keeps_pose_directions() -> None:
+    asset = load_open_hand()
+    directions = 1e-3 * torch.randn(len(asset.template), 3, 135)
+    whole = HandModel(replace(asset, pose_directions=directions)).double()
+    light = whole.of_landmarks()
+    assert light.pose_directions is not None
+    assert len(light.pose_directions) == len(light.template)
+    angles, shape = pose((4,))
+    assert_close(light(angles, shape).landmarks, whole(angles, shape).landmarks)

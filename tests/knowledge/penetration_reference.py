@@ -43,7 +43,7 @@ def depths(vertices: Array, parts: ClosedParts, geodesics: Array, near: float) -
         distances = np.linalg.norm(nearest - here, axis=1)
         first = distances.argmin()
         corners = faces[first]
-        share = trimesh.triangles.points_to_barycentric(
+        share = trimesh.triangles.points_to_barycentric(  # type: ignore[no-untyped-call]
             vertices[corners][None], nearest[first][None]
         )
         if share[0] @ geodesics[vertex][corners] > near:

@@ -22,7 +22,6 @@ from hand_recon.knowledge.closed_parts import (
 )
 from hand_recon.knowledge.physics import NonPenetration
 from tests.knowledge import penetration_reference as reference
-from tests.knowledge.largest_tensor import LargestTensor
 from tests.tolerance import BATCH_SHAPES, assert_close
 
 NEAR = 0.02
@@ -130,23 +129,6 @@ def test_agrees_with_the_definition_written_out(
     assert_close(physics.depths(vertices), torch.tensor(expected))
     excess = np.maximum(expected - 0.006, 0).sum(axis=1)
     assert_close(physics(vertices), torch.tensor(excess))
-
-
-def test_what_is_inside_is_inside_for_trimesh(
-    hand: HandModel, physics: NonPenetration, parts: ClosedParts
-) -> None:
-    """An independent test by rays of each part alone; 1 mm and less from the skin it may err."""
-    for vertices in wild(hand, 3):
-        points = np.concatenate([vertices.numpy(), parts.centres @ vertices.numpy()])
-        inside = np.zeros(len(vertices), dtype=bool)
-        for part, faces in enumerate(parts.faces):
-            asked = np.flatnonzero(parts.opponents[:, part])
-            mesh = trimesh.Trimesh(points, faces, process=False)
-            inside[asked] |= mesh.contains(vertices[asked].numpy())
-        depths = NonPenetration(hand, geodesic=0.0).depths(vertices).numpy()
-        assert inside.sum() > 20
-        assert inside[depths > 0.001].all()
-        assert ((depths > 0) == inside).mean() > 0.995
 
 
 def test_the_gradient_is_that_of_the_definition(
@@ -282,22 +264,6 @@ def test_skin_that_is_near_along_the_surface_is_a_fold(hand: HandModel) -> None:
         NonPenetration(hand, geodesic=near)(vertices).sum() for near in (0.0, 0.02, 0.06, 1.0)
     ]
     assert losses[0] >= losses[1] > losses[2] > losses[3] == 0
-
-
-def test_the_bound_on_memory_is_kept_and_changes_no_value(
-    hand: HandModel, physics: NonPenetration
-) -> None:
-    vertices = wild(hand, 8, spread=1.0)
-    small, large = (NonPenetration(hand, at_once=bound) for bound in (4000, 10**9))
-    assert_close(small(vertices), physics(vertices))
-    assert_close(large(vertices), physics(vertices))
-    with LargestTensor() as bounded:
-        small.depths(vertices)
-    with LargestTensor() as free:
-        large.depths(vertices)
-    # The centres of 15 openings are weighted sums of each hand's vertices, whatever the pose.
-    assert bounded.numbers <= max(9 * 4000, 8 * 15 * 778)
-    assert free.numbers > 3 * bounded.numbers
 
 
 def test_nothing_of_it_is_saved_and_all_of_it_moves(hand: HandModel) -> None:

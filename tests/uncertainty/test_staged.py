@@ -175,3 +175,24 @@ def test_times_without_meaning_are_refused_with_a_cure() -> None:
         paper(40)
     with pytest.raises(ValueError, match=r"no known end.*data_term.unit=epoch"):
         paper().begin(step=0, epoch=0, total_steps=-1)
+
+
+def test_a_kept_balance_leaves_the_data_term_its_weight_against_the_prior() -> None:
+    """Of residuals that are alike, a gradient of 2e becomes 2σ² · e / σ²: the same."""
+    term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5, keep_balance=True)
+    labelled = everything((4,))
+    term.observe(torch.full((4, 21, 2), 3.0), labelled)
+    residual = torch.randn(4, 21, 2, requires_grad=True)
+    (before,) = torch.autograd.grad(term(residual, torch.zeros(4, 21, 2), labelled).sum(), residual)
+    assert term.begin(step=50, epoch=0, total_steps=100)
+    log_sigma = term.running_log_sigma().expand(4, 21, 2)
+    (after,) = torch.autograd.grad(term(residual, log_sigma, labelled).sum(), residual)
+    assert_close(after, before)
+    # Eq. 7 to the letter loses 1 / (2σ²) = 1/18 of it.
+    assert_close(
+        NegativeLogLikelihood()(residual, log_sigma, labelled),
+        term(residual, log_sigma, labelled) / 18,
+    )
+    resumed = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5, keep_balance=True)
+    resumed.load_state_dict(term.state_dict())
+    assert_close(resumed(residual, log_sigma, labelled), term(residual, log_sigma, labelled))
