@@ -27,6 +27,7 @@ from hand_recon.fitting.descent import Descent
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import AXES
+from hand_recon.training import HandReconstruction
 from hand_recon.uncertainty import (
     DataTerm,
     FullCovariance,
@@ -91,6 +92,11 @@ def test_every_row_of_table_1_builds(row: int, expected: tuple[str, float, bool,
     assert module.supervision is None
 
 
+def small(*overrides: str) -> HandReconstruction:
+    """The module with the smallest backbone, where the backbone is not the point."""
+    return build_module(composed(*overrides, "model.encoder.backbone=mobilenet_v3_small"))
+
+
 GROUPS = ("prior", "data_term", "supervision", "model", "recipe", "data", "optimizer", "logger")
 """Groups of `conf/train.yaml` with a choice."""
 
@@ -126,7 +132,7 @@ def test_every_member_of_every_group_composes_and_builds(group: str, member: str
 def test_a_data_term_is_what_its_name_says_and_gets_the_regressor_that_it_needs(
     member: str, kind: type[DataTerm], *, needs: bool
 ) -> None:
-    module = build_module(composed(f"data_term={member}"))
+    module = small(f"data_term={member}")
     last = module.data_term.second if isinstance(module.data_term, Staged) else module.data_term
     assert type(last) is kind
     assert module.data_term.needs_correlation == needs
@@ -138,20 +144,18 @@ def test_a_data_term_is_what_its_name_says_and_gets_the_regressor_that_it_needs(
 
 def test_the_priors_to_compare_with_are_what_they_say() -> None:
     weights = {
-        name: build_module(composed(f"prior={name}")).prior.weights
-        for name in ("none", "pca_mean", "ranges_only")
+        name: small(f"prior={name}").prior.weights for name in ("none", "pca_mean", "ranges_only")
     }
     assert (weights["none"]["range_of_motion"], weights["none"]["pose_components"]) == (0, 0)
     assert weights["pca_mean"] == weights["none"] | {"pose_components": 10.0}
-    prior = build_module(composed("prior=ranges_only")).prior
+    prior = small("prior=ranges_only").prior
     assert prior.upper[:, AXES.index("twist")].isinf().all()
     assert prior.upper[:, AXES.index("bend")].isfinite().all()
 
 
 def test_3d_labels_are_used_only_where_they_are_asked_for() -> None:
-    assert build_module(composed()).supervision is None
-    config = composed("supervision=landmarks_3d", "supervision.fraction=0.1")
-    supervision = build_module(config).supervision
+    assert small().supervision is None
+    supervision = small("supervision=landmarks_3d", "supervision.fraction=0.1").supervision
     assert supervision is not None
     assert (supervision.fraction, supervision.weight) == (0.1, 500_000.0)
 

@@ -1,10 +1,8 @@
 """What the knowledge losses cost: beside the published recipe for non-penetration, and beside a ResNet-50.
 
-The published recipe computes the winding number of every vertex by broadcasting and the distances between all
-vertices, one hand at a time "because of memory". Every figure is the least of some runs in a process of its own,
-forward and backward; memory is by how much that process grew at its peak.
-
-    python tools/benchmark_knowledge.py [--threads 1] [--batch 64] [--no-resnet]
+`python -m tools.benchmark_knowledge`. The published recipe computes the winding number of every vertex by
+broadcasting and the distances between all vertices, one hand at a time "because of memory". Every figure is
+the least of some runs in a process of its own; memory is by how much that process grew at its peak.
 """
 
 import argparse
@@ -213,19 +211,20 @@ def report_physics(batch: int, threads: int) -> None:
     """Non-penetration beside the published recipe."""
     print(f"non-penetration, forward and backward, {batch} hands, {threads} thread(s)")
     print(
-        f"{'poses':8} {'recipe':>10} {'at its peak':>12} {'ours':>9} {'at its peak':>12} {'faster':>8} {'leaner':>8}"
+        f"{'poses':8} {'recipe':>9} {'peak/hand':>10} {'ours':>9} {'peak':>7} {'faster':>7} {'leaner':>7}"
     )
     for kind in ("natural", "wild"):
         recipe = measure(partial(recipe_work, kind, NAIVE_HANDS), threads, 3)
         ours = measure(partial(physics_work, kind, batch), threads, 20)
         whole = recipe.seconds * batch / NAIVE_HANDS
+        leaner = recipe.megabytes * batch / max(ours.megabytes, 1)
         print(
-            f"{kind:8} {whole:8.2f} s {recipe.megabytes:6.0f} MB/1 {ours.seconds * 1e3:6.1f} ms "
-            f"{ours.megabytes:6.0f} MB/{batch} {whole / ours.seconds:7.0f}x "
-            f"{recipe.megabytes * batch / max(ours.megabytes, 1):7.0f}x"
+            f"{kind:8} {whole:7.2f} s {recipe.megabytes:7.0f} MB {ours.seconds * 1e3:6.1f} ms "
+            f"{ours.megabytes:4.0f} MB {whole / ours.seconds:6.0f}x {leaner:6.0f}x"
         )
-    print(f"  the recipe's time is {NAIVE_HANDS} hands', scaled; its memory is one hand's, as it is run: "
-          f"'leaner' compares {batch} hands at once, scaled")  # fmt: skip
+    print(
+        f"  the recipe: {NAIVE_HANDS} hands, scaled; 'leaner' if it held {batch} hands at once, as ours does"
+    )
     worst = max(largest_difference(kind, 8) for kind in ("natural", "wild"))
     print(f"  largest difference of our d(v) from its definition, 16 hands: {worst:.1e} m")
 

@@ -1,4 +1,4 @@
-"""The distance to the mean pose by a PCA: zero there, one a standard deviation away, and the shipped table."""
+"""The distance to the mean pose by a PCA: zero there, one a standard deviation away; and its table."""
 
 from pathlib import Path
 
