@@ -14,7 +14,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 .PHONY: help env train smoke lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 	@echo
 	@echo 'ARGS passes words on: make train ARGS="+experiment=ablation_row3", make test ARGS="-k camera".'
 
@@ -41,7 +41,7 @@ table1-fit: $(STAMP)  ## The same by fitting 500 hands of each seed to noisy lan
 	$(BIN)/python -m hand_recon.report
 
 benchmark: $(STAMP)  ## What the knowledge losses cost, beside the published recipe and a ResNet-50.
-	$(BIN)/python tools/benchmark_knowledge.py $(ARGS)
+	$(BIN)/python -m tools.benchmark_knowledge $(ARGS)
 
 # pytest's processes are the parallelism: threads that share their cores only slow them down.
 test test-all: export OMP_NUM_THREADS := 1

@@ -115,7 +115,7 @@ def test_every_make_command_in_the_documents_exists() -> None:
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     documents = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "data" / "README.md"]
     for document in filter(Path.is_file, documents):
-        quoted = re.findall(r"(?:^|`)\s*make ([a-z-]+)", document.read_text(), re.MULTILINE)
+        quoted = re.findall(r"(?:^|`)\s*make ([a-z0-9-]+)", document.read_text(), re.MULTILINE)
         assert set(quoted) <= targets, document.name
 
 
