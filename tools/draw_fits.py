@@ -39,7 +39,7 @@ def main() -> None:
         sheet = cv2.imread(str(folder / "out" / "fits.png"))
     if sheet is None:
         raise FileNotFoundError("The fit left no fits.png.")
-    small = cv2.resize(sheet, None, fx=0.54, fy=0.54, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(sheet, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(TARGET), small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print(f"{TARGET}: {TARGET.stat().st_size // 1024} kB")
 
