@@ -39,7 +39,7 @@ from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.fit_results import claim_results_folder, write_results
 from hand_recon.fitting.descent import Descent, Fitted, Objective
 from hand_recon.fitting.descent import fit as descend
-from hand_recon.fitting.lift import lifted_start
+from hand_recon.fitting.lift import lift, lifted_start
 from hand_recon.fitting.observation import observed
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.physics import NonPenetration
@@ -49,7 +49,7 @@ from hand_recon.schema import HandBatch, collate
 
 logger = logging.getLogger(__name__)
 
-PART: Final = 1024
+PART: Final = 64
 """Hands that are fitted before the first of them are written."""
 
 
@@ -100,10 +100,11 @@ def _of_the_data(config: DictConfig) -> DictConfig:
     config = config.copy()
     data = config.get("data")
     with open_dict(config):
-        if "keep_balance" in config.data_term:
+        # Only where it is a choice: `mse_rescaled` is the balance that is not kept.
+        if config.data_term.get("keep_balance"):
             config.data_term.keep_balance = config.keep_balance
         if data is None:
-            config.hand.landmarks = "knuckle"
+            config.hand.landmarks = config.landmark_set
         elif "data_seed" in data:
             data.data_seed = config.seed
     return config
@@ -124,8 +125,10 @@ def _fitter(config: DictConfig, hand: HandModel) -> Fitter:
     descent: Descent = instantiate(config.descent)
     further = None
     if config.lifter is not None:
-        reconstructor = load_trained(config.lifter).module.reconstructor
+        reconstructor = load_trained(config.lifter, config.hand.landmarks).module.reconstructor
         further = partial(lifted_start, reconstructor)
+        if descent.steps == 0:
+            return lambda batch: Fitted(lift(reconstructor, observed(batch, config.half_sure)), {})
 
     def run(batch: HandBatch) -> Fitted:
         return descend(
@@ -135,14 +138,16 @@ def _fitter(config: DictConfig, hand: HandModel) -> Fitter:
     return run
 
 
-def _parts(landmarks: LandmarkSet, fitter: Fitter, size: int = 64) -> Iterator[FittedHands]:
+def _parts(landmarks: LandmarkSet, fitter: Fitter, size: int = PART) -> Iterator[FittedHands]:
     """Hands as they are fitted, in order; those without enough landmarks keep their places."""
     parts = landmarks.parts(size)
     total = -(-len(landmarks) // size)
     for part in with_progress(parts, total, f"Fitting {len(landmarks)} hands, {size} at a time"):
         crops, usable = to_crops(part), part.usable
         found = fitter(crops.batch.select(usable))
-        yield fitted_hands(part, crops, found.prediction, found.loss, has_sigma=False)
+        # A fit has the σ that it was told; without a loss it is a lifter's answer, with σ of its own.
+        own = not found.loss
+        yield fitted_hands(part, crops, found.prediction, found.loss, has_sigma=own)
 
 
 def _fit_dataset(
@@ -161,21 +166,22 @@ def _fit_dataset(
         confidence=None if batch.confidence is None else batch.confidence.double(),
         intrinsics=None if batch.intrinsics is None else batch.intrinsics.double(),
     )
-    scores = Scores(load_ranges(SCORED_RANGES), NonPenetration(hand))
+    scores = Scores(load_ranges(SCORED_RANGES), NonPenetration(hand), calibration=False)
     began = time.monotonic()
 
     def scored() -> Iterator[FittedHands]:
         done = 0
         for part in _parts(landmarks, fitter):
             whole = batch.select(slice(done, done + len(part)))
-            kept = part.fitted
+            # Not those alone that came out finite: a fit that explodes must not score better for it.
+            kept = part.observed.usable
             scores.update(whole.select(kept), part.prediction.to(torch.float32).select(kept))
             done += len(part)
             yield part
 
     summary = write_results(folder, scored(), hand.faces, instantiate(config.results))
     test = scores.compute()
-    index, columns = scores.per_hand()
+    index, columns = scores.last_per_hand
     if columns:
         write_per_hand(folder / "per_hand.csv", index, columns)
     metrics: dict[str, Any] = {
@@ -191,7 +197,11 @@ def _fit_dataset(
         "environment": environment(),
     }
     write_json(folder / "metrics.json", metrics)
-    logger.info("E_J %.2f mm, PR %.1f %%", test.get("E_J", float("nan")), test["PR"])
+    logger.info(
+        "E_J %.2f mm, PR %.1f %%",
+        test.get("E_J", float("nan")),
+        test.get("PR", float("nan")),
+    )
     return metrics
 
 

@@ -31,7 +31,9 @@ logger = logging.getLogger(__name__)
 MESH_FORMATS: Final = ("obj", "ply")
 """Formats of meshes that can be written."""
 
-PRODUCTS: Final = ("fit.json", "fit.json.part", "meshes", "pictures")
+PRODUCTS: Final = (
+    "fit.json", "fit.json.part", "meshes", "pictures", "metrics.json", "checkpoints",
+)  # fmt: skip
 """What a folder must not hold yet."""
 
 
@@ -69,8 +71,8 @@ def claim_results_folder(path: str | Path) -> Path:
     taken = [name for name in PRODUCTS if (folder / name).exists()]
     if taken:
         raise FileExistsError(
-            f"{folder} already holds {', '.join(taken)} of a fit, and nothing is overwritten. Name another "
-            "folder, for example output=outputs/fit/second."
+            f"{folder} already holds {', '.join(taken)} of a fit or a run, and nothing is overwritten. "
+            "Name another folder, for example output=outputs/fit/second."
         )
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -68,7 +68,6 @@ def finish_run(run: Run) -> dict[str, Any]:
         What `metrics.json` holds.
     """
     scores = _test(run)
-    _write_per_hand(run)
     metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
@@ -81,6 +80,7 @@ def finish_run(run: Run) -> dict[str, Any]:
     }
     # At once, and again with the baseline: no later failure may cost the scores.
     write_json(run.folder / "metrics.json", metrics)
+    _write_per_hand(run)
     if run.mean_pose is not None:
         metrics["mean_pose"] = _mean_pose_scores(run.mean_pose, run.data)
         write_json(run.folder / "metrics.json", metrics)

@@ -1,7 +1,8 @@
-"""3D labels for some of the hands, where there are any: Table 3 (b) of the paper's discussion.
+"""3D labels for some of the pictures, where there are any: Table 3 (b) of the paper's discussion.
 
-The method learns without them. To say what they would add, a share of the training hands gives its 3D
-landmarks away too; which hands is fixed by their place in the dataset: the same in every epoch and run.
+The method learns without them. To say what they would add, a share of the training pictures gives its 3D
+landmarks away too; which ones is fixed by their place in the dataset: the same in every epoch and run. Of
+a dataset that has several pictures of one hand, more hands than this share have a label somewhere.
 """
 
 from typing import Final
@@ -21,7 +22,7 @@ class Landmarks3D(nn.Module):
     """Squared 3D error of the landmarks about the hand's root, for a share of the hands.
 
     Args:
-        fraction: Share of the training hands whose 3D labels are used, 0–1.
+        fraction: Share of the training pictures whose 3D labels are used, 0–1.
         weight: Per squared metre; 500,000 weighs 10 mm at every landmark as the data term weighs 5 px.
 
     Raises:

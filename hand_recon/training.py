@@ -131,7 +131,7 @@ class HandReconstruction(lightning.LightningModule):
     def _stage_begins(self) -> bool:
         """Whether the data term goes to its second stage with this step (Sec. 4.1: MSE, then NLL)."""
         trainer = self._trainer
-        if trainer is None or self.data_term.stages == 1:
+        if trainer is None or self.data_term.stage == self.data_term.stages - 1:
             return False
         return self.data_term.begin(
             step=trainer.global_step,

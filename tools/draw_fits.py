@@ -1,6 +1,6 @@
 """Draw `docs/images/fits.png`: the first test views, fitted as `python -m hand_recon.fit` fits any landmarks.
 
-    python tools/draw_fits.py
+python tools/draw_fits.py
 """
 
 import json

@@ -23,14 +23,21 @@ class Scores(nn.Module):
         ranges: What a joint may do, for the violations; the same for every model that is compared.
         non_penetration: `hand_recon.knowledge.physics.NonPenetration` of the hand, for the penetration rate;
             none leaves it out.
+        calibration: Whether the predictions' σ are their own. A fit's are what it was told.
     """
 
-    def __init__(self, ranges: RangeOfMotion, non_penetration: Penetration | None) -> None:
+    def __init__(
+        self,
+        ranges: RangeOfMotion,
+        non_penetration: Penetration | None,
+        *,
+        calibration: bool = True,
+    ) -> None:
         super().__init__()
         self.in_3d = HandMetrics()
         self.in_2d = Landmarks2D()
         self.plausibility = Plausibility(ranges, non_penetration)
-        self.calibration = Calibration()
+        self.calibration = Calibration() if calibration else None
         self._has_3d = False
         self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = torch.empty(0), {}
 
@@ -45,15 +52,16 @@ class Scores(nn.Module):
         )
         parameters = prediction.parameters
         self.plausibility.update(parameters.joint_angles, prediction.vertices, batch.index)
-        to_reference = REFERENCE_SIZE / batch.crop_size
-        noise = batch.label_noise
-        self.calibration.update(
-            (prediction.landmarks_2d - batch.landmarks_2d) * to_reference,
-            prediction.log_sigma,
-            batch.labelled,
-            None if noise is None else noise * to_reference,
-            batch.index,
-        )
+        if self.calibration is not None:
+            to_reference = REFERENCE_SIZE / batch.crop_size
+            noise = batch.label_noise
+            self.calibration.update(
+                (prediction.landmarks_2d - batch.landmarks_2d) * to_reference,
+                prediction.log_sigma,
+                batch.labelled,
+                None if noise is None else noise * to_reference,
+                batch.index,
+            )
         if batch.landmarks_3d is not None:
             self._has_3d = True
             vertices = None if batch.vertices is None else prediction.vertices
@@ -65,14 +73,14 @@ class Scores(nn.Module):
 
     def compute(self) -> dict[str, float]:
         """Every score by name; those of each hand stay in `last_per_hand` after a reset too."""
-        self.last_per_hand = self.per_hand()
         in_3d = self.in_3d.compute() if self._has_3d else {}
-        return (
-            in_3d | self.in_2d.compute() | self.plausibility.compute() | self.calibration.compute()
-        )
+        if self._has_3d:
+            self.last_per_hand = self.in_3d.last_per_hand
+        calibration = {} if self.calibration is None else self.calibration.compute()
+        return in_3d | self.in_2d.compute() | self.plausibility.compute() | calibration
 
     def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Tensor]]:
-        """Indices of the distinct hands and their 3D scores, report units; empty without ground truth."""
+        """Indices of this process's hands and their 3D scores, report units; empty without ground truth."""
         if not self._has_3d:
             return torch.empty(0, dtype=torch.int64), {}
         return self.in_3d.per_hand()
@@ -81,5 +89,6 @@ class Scores(nn.Module):
         """Forget every hand."""
         metrics: tuple[Any, ...] = (self.in_3d, self.in_2d, self.plausibility, self.calibration)
         for metric in metrics:
-            metric.reset()
+            if metric is not None:
+                metric.reset()
         self._has_3d = False

@@ -32,6 +32,7 @@ class HandMetrics(PerSampleMetric):
     def __init__(self) -> None:
         """Start without samples."""
         super().__init__({"landmarks": len(LANDMARK_SCORES), "vertices": len(VERTEX_SCORES)})
+        self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = self.per_hand()
 
     def update(
         self, prediction: HandPoints, truth: HandPoints, index: Int[Tensor, " hand"]
@@ -65,6 +66,8 @@ class HandMetrics(PerSampleMetric):
         Raises:
             ValueError: Only some updates had ground-truth vertices, or an index is not unique.
         """
+        # Here, where every process has the rows of all.
+        self.last_per_hand = self.per_hand()
         return self._means("landmarks", LANDMARK_SCORES) | self._means("vertices", VERTEX_SCORES)
 
     def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Float[Tensor, " hand"]]]:

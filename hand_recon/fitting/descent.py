@@ -58,7 +58,7 @@ class _Unknowns:
         self.values = {
             "joint_angles": start.joint_angles,
             "columns": start.root_rotation[..., :2].mT.flatten(-2),
-            "shape": pixel.new_zeros(len(pixel), 10),
+            "shape": start.shape,
             # Hundreds of pixels: a step of 0.05 is then five pixels.
             "place": pixel / 100,
             "log_depth": depth.log(),
@@ -202,6 +202,7 @@ def _starts(
         torch.cat([start.joint_angles for start in found], dim=1),
         torch.cat([start.root_rotation for start in found], dim=1),
         torch.cat([start.translation for start in found], dim=1),
+        torch.cat([start.shape for start in found], dim=1),
     )
 
 
@@ -215,6 +216,7 @@ def _fit_batch(
             starts.joint_angles.flatten(0, 1),
             starts.root_rotation.flatten(0, 1),
             starts.translation.flatten(0, 1),
+            starts.shape.flatten(0, 1),
         ),
         several.intrinsics,
     )

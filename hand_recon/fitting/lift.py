@@ -1,19 +1,19 @@
-"""A trained lifter's answer as a start: one network pass in place of a search."""
+"""A trained lifter's answer: hands in one network pass, or a start in place of a search."""
 
 import torch
 
-from hand_recon.camera import to_true_camera
+from hand_recon.camera import project, to_true_camera
 from hand_recon.data.augment import move
 from hand_recon.data.upright import upright_motion
 from hand_recon.fitting.observation import Observation, confidence_of_sigma
 from hand_recon.fitting.start import Start
 from hand_recon.reconstructor import Reconstructor
-from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandPrediction
+from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPrediction
 
 
 @torch.no_grad()
-def lifted_start(reconstructor: Reconstructor, observation: Observation) -> Start:
-    """The lifter's answer in the camera of the observation: one start per hand.
+def lift(reconstructor: Reconstructor, observation: Observation) -> HandPrediction:
+    """The lifter's answer in the camera and the crops of the observation, with its σ.
 
     Args:
         reconstructor: With an encoder of landmarks, in evaluation mode.
@@ -32,14 +32,34 @@ def lifted_start(reconstructor: Reconstructor, observation: Observation) -> Star
     prediction: HandPrediction = reconstructor(move(batch, motion))
     found = prediction.parameters
     # In the upright crop, the observation's camera has this matrix, after a roll about its axis.
-    roll = motion.camera
-    upright = motion.pixels @ observation.intrinsics @ roll.mT
+    back = motion.camera.mT
+    upright = motion.pixels @ observation.intrinsics @ back
     rotation, translation = to_true_camera(
         found.root_rotation, found.translation, upright, REFERENCE_SIZE
     )
-    back = roll.mT
+    parameters = HandParameters(
+        found.joint_angles, found.shape, back @ rotation, (back @ translation[..., None])[..., 0]
+    )
+    hand = reconstructor.hand.place(parameters)
+    # The roll mixes the two coordinates' variances; their correlation is left out.
+    squares = back[:, None, :2, :2].square() @ torch.exp(2 * prediction.log_sigma)[..., None]
+    return HandPrediction(
+        parameters=parameters,
+        vertices=hand.vertices,
+        joints=hand.joints,
+        landmarks_3d=hand.landmarks,
+        landmarks_2d=project(hand.landmarks, observation.intrinsics),
+        log_sigma=squares[..., 0].log() / 2 - motion.scale.log()[:, None, None],
+        intrinsics=observation.intrinsics,
+    )
+
+
+def lifted_start(reconstructor: Reconstructor, observation: Observation) -> Start:
+    """The lifter's answer as one start per hand; see `lift`."""
+    found = lift(reconstructor, observation).parameters
     return Start(
         found.joint_angles[:, None],
-        (back @ rotation)[:, None],
-        (back @ translation[..., None])[..., 0][:, None],
+        found.root_rotation[:, None],
+        found.translation[:, None],
+        found.shape[:, None],
     )

@@ -17,7 +17,7 @@ HALF_SURE: Final = 5.0
 """Pixels of a 224-pixel crop that a landmark of confidence ½ is trusted to."""
 
 SIGMA_BOUNDS: Final = (1.0, 25.0)
-"""No confidence makes a landmark exact, and none makes it worth nothing: pixels of a 224-pixel crop."""
+"""Nothing makes a landmark exact, and nothing makes it worth nothing: pixels of a 224-pixel crop."""
 
 
 @dataclass(frozen=True)
@@ -98,4 +98,7 @@ def observed(batch: HandBatch, half_sure: float = HALF_SURE) -> Observation:
             if sigma is None
             else torch.where(sigma.isfinite(), sigma, from_confidence)
         )
+    if sigma is not None:
+        # A σ of a hundredth of a pixel would switch the prior off.
+        sigma = sigma.clamp(*SIGMA_BOUNDS)
     return Observation(batch.landmarks_2d, batch.labelled, camera, sigma)

@@ -41,6 +41,8 @@ class Start:
     """Hand's frame to camera's."""
     translation: Float[Tensor, "*batch 3"]
     """Of the hand's origin, metres, camera's frame."""
+    shape: Float[Tensor, "*batch direction=10"]
+    """Standard deviations."""
 
 
 def closed_form_starts(
@@ -78,7 +80,7 @@ def closed_form_starts(
     rotation = torch.stack([rotation for rotation, _ in placements[:count]], dim=1)
     translation = torch.stack([translation for _, translation in placements[:count]], dim=1)
     pose = torch.stack(angles[:count]).expand(len(landmarks_2d), -1, -1, -1)
-    return Start(pose, rotation, translation)
+    return Start(pose, rotation, translation, shape=rotation.new_zeros(*rotation.shape[:2], 10))
 
 
 def _both_placements(

@@ -112,6 +112,14 @@ class DataTerm(nn.Module, ABC):
     def start(self, log_sigma: Float[Tensor, "landmark=21 2"]) -> None:
         """Told, when its stage begins, how large the residuals then are: log of their RMS, pixels."""
 
+    def balance(self, variance: float) -> float:
+        """What this term must be multiplied by to pull as hard as the squared error does.
+
+        Args:
+            variance: Mean square of the residuals, square pixels, which σ² has learnt to be.
+        """
+        return 2 * variance
+
 
 class SquaredError(DataTerm):
     """The sum of squared residuals over the labelled coordinates (Sec. 4.1, the first stage)."""
@@ -191,6 +199,10 @@ class NegativeLogLikelihood(DataTerm):
         """Without the constant; see `likelihoods.beta_gaussian`."""
         return likelihoods.beta_gaussian(residual, log_sigma, self.beta).sum(dim=-1)
 
+    def balance(self, variance: float) -> float:
+        """2σ^(2−2β): a gradient of e σ^(2β) / σ² against 2e."""
+        return float(2 * variance ** (1 - self.beta))
+
 
 class LaplaceLikelihood(DataTerm):
     """A Laplace distribution in place of Eq. 6's Gaussian: a wrong label pulls with bounded force."""
@@ -205,6 +217,10 @@ class LaplaceLikelihood(DataTerm):
     ) -> Float[Tensor, "*batch landmark=21"]:
         """Without the constant; see `likelihoods.laplace`."""
         return likelihoods.laplace(residual, log_sigma).sum(dim=-1)
+
+    def balance(self, variance: float) -> float:
+        """2σ²/√π: the mean size of the gradient, √2/σ against 2|e|, for residuals that are Gaussian."""
+        return 2 * variance / math.sqrt(math.pi)
 
 
 class FullCovariance(DataTerm):

@@ -1,8 +1,9 @@
 """The schedule of the data term: the squared error first, then the likelihood (Sec. 4.1).
 
 The paper says "for faster convergence" and not when. At the switch every σ should start at what the
-residuals then are: a gradient of 2e becomes e / σ², so that the data term loses exactly 1 / (2σ²) of
-its weight against the prior, and neither explodes nor dies for a σ that nobody has trained yet.
+residuals then are: a gradient of 2e becomes e / σ², so that the data term keeps exactly 1 / (2σ²) of
+its weight against the prior (all of it with `keep_balance`), and neither explodes nor dies for a σ that
+nobody has trained yet.
 """
 
 import math
@@ -72,10 +73,10 @@ class Staged(DataTerm):
         second: From the switch on; Eq. 7 in the paper.
         switch_at: When, in `unit`s; it must leave the first stage a step at least.
         unit: `share` of the run's steps (below one), or a number of finished `epoch`s or of `step`s.
-        keep_balance: Multiply the second stage by 2σ̄², σ̄ being the RMS of the residuals at the switch: the
-            likelihood then weighs landmarks against each other as Eq. 7 does, and all of them together
-            against the prior as the first stage did. Without, it is Eq. 7 to the letter, and the prior
-            gains by 2σ̄² (`docs/decisions.md`).
+        keep_balance: Multiply the second stage by what makes up for its smaller pull, 2σ̄² for Eq. 7, σ̄
+            being the RMS of the residuals at the switch: the likelihood then weighs landmarks against
+            each other as Eq. 7 does, and all of them together against the prior as the first stage did.
+            Without, it is Eq. 7 to the letter, and the prior gains by 2σ̄² (`docs/decisions.md`).
 
     Raises:
         ValueError: The unit is unknown, or the time leaves no first stage or is no share.
@@ -129,7 +130,7 @@ class Staged(DataTerm):
         start = self.running_log_sigma()
         self.second.start(start)
         if self.keep_balance:
-            self.factor.fill_(2 * torch.exp(2 * start).mean())
+            self.factor.fill_(self.second.balance(float(torch.exp(2 * start).mean())))
         return True
 
     def observe(

@@ -240,7 +240,10 @@ def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior:
 
     def told(_: Observation) -> Start:
         return Start(
-            truth.joint_angles[:, None], truth.root_rotation[:, None], truth.translation[:, None]
+            truth.joint_angles[:, None],
+            truth.root_rotation[:, None],
+            truth.translation[:, None],
+            truth.shape[:, None],
         )
 
     alone = Descent(starts=0, steps=1, rate=1e-6)
