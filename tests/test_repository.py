@@ -142,3 +142,8 @@ def test_the_documents_hold_no_placeholder_and_their_pictures_exist() -> None:
         assert not re.search(r"FIRST_RUN|TODO|XXX", text), document.name
         for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", text):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
+
+
+def test_no_document_has_a_placeholder_in_it() -> None:
+    for document in [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]:
+        assert "@@" not in document.read_text(), document.name
