@@ -17,6 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.data.datamodule import HandDataModule
+from hand_recon.encoder import LandmarkEncoder
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
@@ -188,6 +189,21 @@ def build_prior(config: DictConfig, hand: HandModel) -> Prior:
     ranges = load_ranges(config.ranges, hand.rest_angles)
     prior: Prior = instantiate(OmegaConf.create(rest), ranges=ranges, hand=hand)
     return prior
+
+
+def check_input(module: HandReconstruction, data: HandDataModule) -> None:
+    """Refuse to show a lifter crops that are not cut as its training's are.
+
+    Raises:
+        ValueError: The model looks at landmarks, and the data are not views of upright landmarks.
+    """
+    lifts = isinstance(module.reconstructor.encoder, LandmarkEncoder)
+    if lifts and data.name != "views":
+        raise ValueError(
+            f"A lifter is trained and scored on data=views, whose crops are cut about the landmarks with the "
+            f"fingers up; {data.name}'s are not. For other landmarks use "
+            "`python -m hand_recon.fit landmarks=<file> lifter=<run> descent.steps=0`."
+        )
 
 
 def set_threads(threads: int | None) -> int:

@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from hand_recon.configuration import (
     CONF,
     build_data,
+    check_input,
     claim_folder,
     load_trained,
     set_threads,
@@ -55,7 +56,9 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     # The constant predictor is of the data that the checkpoint was trained on.
     mean = None if other_data else loaded.mean_pose
     facts = {"checkpoint": str(config.ckpt)}
-    return finish_run(Run(trained, folder, loaded.module, build_data(trained), mean, facts))
+    data = build_data(trained)
+    check_input(loaded.module, data)
+    return finish_run(Run(trained, folder, loaded.module, data, mean, facts))
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate")

@@ -19,6 +19,7 @@ from hand_recon.configuration import (
     ConfigInCheckpoint,
     build_data,
     build_module,
+    check_input,
     claim_folder,
     instantiate,
     load_trained,
@@ -49,6 +50,7 @@ def train(config: DictConfig) -> dict[str, Any]:
     folder = claim_folder(config.paths.run)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     data, module = build_data(config), build_module(config)
+    check_input(module, data)
     parameters = sum(parameter.numel() for parameter in module.parameters())
     logger.info("%s: %.1f M parameters, %d threads", config.name, parameters / 1e6, threads)
     logger.info("If it is interrupted, the same command with resume=%s goes on.", folder)

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from hand_recon.uncertainty import (
+    DataTerm,
+    LaplaceLikelihood,
     NegativeLogLikelihood,
     RescaledSquaredError,
     SquaredError,
@@ -196,3 +198,27 @@ def test_a_kept_balance_leaves_the_data_term_its_weight_against_the_prior() -> N
     resumed = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5, keep_balance=True)
     resumed.load_state_dict(term.state_dict())
     assert_close(resumed(residual, log_sigma, labelled), term(residual, log_sigma, labelled))
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        NegativeLogLikelihood(),
+        NegativeLogLikelihood(beta=0.5),
+        NegativeLogLikelihood(beta=1.0),
+        LaplaceLikelihood(),
+    ],
+)
+def test_a_kept_balance_leaves_the_mean_pull_of_the_labels_as_it_was(second: DataTerm) -> None:
+    """Residuals of 8 px with σ at their RMS: the mean size of the gradient before and after the switch."""
+    residual = (8 * torch.randn(400, 21, 2)).requires_grad_()
+    labelled = torch.ones(400, 21, dtype=torch.bool)
+    log_sigma = torch.full_like(residual, math.log(8.0))
+    term = Staged(SquaredError(), second, switch_at=1, unit="step", keep_balance=True)
+    pulls = []
+    for step in (0, 1):
+        term.observe(residual.detach(), labelled)
+        term.begin(step=step, epoch=0, total_steps=2)
+        (pull,) = torch.autograd.grad(term(residual, log_sigma, labelled).sum(), residual)
+        pulls.append(float(pull.abs().mean()))
+    assert pulls[1] == pytest.approx(pulls[0], rel=0.03)

@@ -1,0 +1,68 @@
+"""A lifter's answer does not depend on how a crop is turned and scaled, and says σ in the crop's pixels."""
+
+import math
+
+import pytest
+import torch
+
+from hand_recon.camera import default_intrinsics
+from hand_recon.encoder import LandmarkEncoder
+from hand_recon.fitting.lift import lift, lifted_start
+from hand_recon.fitting.observation import Observation
+from hand_recon.hand.model import HandModel
+from hand_recon.reconstructor import Reconstructor
+from tests.tolerance import assert_close
+from tests.views import known_hands, views
+
+COUNT = 6
+
+
+@pytest.fixture
+def lifter(hand: HandModel) -> Reconstructor:
+    encoder = LandmarkEncoder(width=32, depth=1)
+    network = Reconstructor(
+        encoder, hand, width=32, dropout=0.0, activation=True, reprojection=True
+    )
+    with torch.no_grad():
+        # Not the starting hand for all: an answer that follows the landmarks.
+        for parameter in network.decoders.parameters():
+            parameter.add_(0.02 * torch.randn_like(parameter))
+    return network.eval()
+
+
+@pytest.fixture
+def seen(hand: HandModel) -> Observation:
+    batch = views(hand, known_hands(hand, COUNT))
+    camera = default_intrinsics(224, batch.landmarks_2d).expand(COUNT, 3, 3)
+    return Observation(batch.landmarks_2d, batch.labelled, camera)
+
+
+def moved(seen: Observation, linear: torch.Tensor) -> Observation:
+    """The landmarks turned or scaled about the middle of the crop."""
+    landmarks = (seen.landmarks_2d - 112) @ linear.mT + 112
+    return Observation(landmarks, seen.labelled, seen.intrinsics)
+
+
+def test_a_turned_crop_gives_the_turned_hand(lifter: Reconstructor, seen: Observation) -> None:
+    angle = 0.7
+    turn = torch.eye(3)
+    turn[:2, :2] = torch.tensor(
+        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    )
+    alone, turned = lift(lifter, seen), lift(lifter, moved(seen, turn[:2, :2]))
+    assert_close(turned.landmarks_3d, alone.landmarks_3d @ turn.mT)
+    assert_close(turned.parameters.joint_angles, alone.parameters.joint_angles)
+
+
+def test_sigma_is_in_pixels_of_the_crop(lifter: Reconstructor, seen: Observation) -> None:
+    alone, half = lift(lifter, seen), lift(lifter, moved(seen, 0.5 * torch.eye(2)))
+    assert_close(half.log_sigma, alone.log_sigma - math.log(2))
+
+
+def test_a_start_is_the_answer(lifter: Reconstructor, seen: Observation) -> None:
+    answer, start = lift(lifter, seen).parameters, lifted_start(lifter, seen)
+    assert start.shape.shape == (COUNT, 1, 10)
+    assert_close(start.joint_angles[:, 0], answer.joint_angles)
+    assert_close(start.root_rotation[:, 0], answer.root_rotation)
+    assert_close(start.translation[:, 0], answer.translation)
+    assert_close(start.shape[:, 0], answer.shape)
