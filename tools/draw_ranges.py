@@ -45,7 +45,7 @@ RULES = {
     "PIP by DIP": replace(NONE, pip_by_dip=True),
     "thumb CMC": replace(NONE, thumb_cmc=True),
     "all but bend by splay": FunctionalAnatomy(bend_by_splay=False),
-    "all": FunctionalAnatomy(),
+    "all": FunctionalAnatomy(bend_by_splay=True),
 }
 MEAN_DEVIATION = 11.2
 """Mean of the standard deviations of Latz et al., degrees, where a joint has none of its own."""
