@@ -10,12 +10,12 @@ import hydra
 import lightning
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from hand_recon.checkpoints import load_trained
 from hand_recon.configuration import (
     CONF,
     build_data,
     check_input,
     claim_folder,
-    load_trained,
     set_threads,
     use_cache,
 )

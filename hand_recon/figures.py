@@ -17,11 +17,12 @@ import torch
 from jaxtyping import Float, UInt8
 from omegaconf import DictConfig
 
+from hand_recon.checkpoints import load_trained
 from hand_recon.comparison.collection import collect
 from hand_recon.comparison.paper import TABLE_1
 from hand_recon.comparison.runs import FinishedRun
 from hand_recon.comparison.studies import Compared, Study
-from hand_recon.configuration import CONF, build_data, load_trained, set_threads, use_cache
+from hand_recon.configuration import CONF, build_data, set_threads, use_cache
 from hand_recon.data.augment import to_float
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.progress import quiet_libraries

@@ -17,6 +17,7 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from hand_recon.checkpoints import load_trained
 from hand_recon.configuration import (
     CONF,
     SCORED_RANGES,
@@ -24,7 +25,6 @@ from hand_recon.configuration import (
     build_hand,
     build_prior,
     instantiate,
-    load_trained,
     plain,
     set_threads,
 )

@@ -10,7 +10,8 @@ from typing import Any, Final
 import lightning
 from omegaconf import DictConfig
 
-from hand_recon.configuration import plain, read_checkpoint
+from hand_recon.checkpoints import read_checkpoint
+from hand_recon.configuration import plain
 
 logger = logging.getLogger(__name__)
 

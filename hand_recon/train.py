@@ -14,15 +14,14 @@ import lightning
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
+from hand_recon.checkpoints import ConfigInCheckpoint, load_trained
 from hand_recon.configuration import (
     CONF,
-    ConfigInCheckpoint,
     build_data,
     build_module,
     check_input,
     claim_folder,
     instantiate,
-    load_trained,
     plain,
     set_threads,
 )

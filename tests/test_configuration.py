@@ -9,17 +9,15 @@ from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon.checkpoints import CONFIG_KEY, fingerprint, read_checkpoint
 from hand_recon.configuration import (
     CONF,
-    CONFIG_KEY,
     TRUSTED,
     build_data,
     build_module,
     claim_folder,
-    fingerprint,
     folder_name,
     instantiate,
-    read_checkpoint,
 )
 from hand_recon.encoder import LandmarkEncoder
 from hand_recon.fit_results import ResultOptions

@@ -10,14 +10,8 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from hand_recon.configuration import (
-    CONF,
-    CONFIG_KEY,
-    HAND_KEY,
-    build_module,
-    fingerprint,
-    plain,
-)
+from hand_recon.checkpoints import CONFIG_KEY, HAND_KEY, fingerprint
+from hand_recon.configuration import CONF, build_module, plain
 from hand_recon.figures import figures
 from tests.test_configuration import composed
 
