@@ -24,9 +24,10 @@ from hand_recon.comparison.runs import FinishedRun
 from hand_recon.comparison.studies import Compared, Study
 from hand_recon.configuration import CONF, build_data, set_threads, use_cache
 from hand_recon.data.augment import to_float
+from hand_recon.data.datamodule import gather
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.progress import quiet_libraries
-from hand_recon.schema import HandBatch, HandPrediction, collate
+from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.visualization.figures import (
     before_after,
     likelihood_effect,
@@ -164,7 +165,7 @@ def _predict(chosen: list[tuple[str, FinishedRun, bool]], config: DictConfig) ->
     settings = loaded[0].config
     use_cache(settings.data, config.paths.cache)
     dataset = build_data(settings).dataset("test")
-    batch = to_float(collate([dataset[place] for place in _pool(len(dataset), config)]))
+    batch = to_float(gather(dataset, _pool(len(dataset), config)))
     predictions = [trained.module(batch) for trained in loaded]
     return Rows(
         titles=tuple(title for title, _, _ in chosen),

@@ -28,7 +28,7 @@ from hand_recon.configuration import (
     plain,
     set_threads,
 )
-from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.datamodule import gather
 from hand_recon.data.fitted_hands import FittedHands, fitted_hands
 from hand_recon.data.landmark_crops import to_crops
 from hand_recon.data.landmark_files import read_landmarks
@@ -45,7 +45,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.physics import NonPenetration
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.results import environment, write_json, write_per_hand
-from hand_recon.schema import HandBatch, collate
+from hand_recon.schema import HandBatch
 
 logger = logging.getLogger(__name__)
 
@@ -157,7 +157,7 @@ def _fit_dataset(
     data = build_data(config)
     dataset = data.dataset("test")
     count = min(int(config.hands), len(dataset))
-    batch = _first_hands(dataset, count)
+    batch = gather(dataset, list(range(count)))
     landmarks = LandmarkSet(
         landmarks_2d=batch.landmarks_2d.double(),
         labelled=batch.labelled,
@@ -203,10 +203,6 @@ def _fit_dataset(
         test.get("PR", float("nan")),
     )
     return metrics
-
-
-def _first_hands(dataset: HandDataset, count: int) -> HandBatch:
-    return collate([dataset[place] for place in range(count)])
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="fit")

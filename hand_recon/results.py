@@ -21,12 +21,12 @@ from torch import Tensor
 from hand_recon import __version__
 from hand_recon.configuration import instantiate
 from hand_recon.data.augment import to_float
-from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.datamodule import HandDataModule, gather
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.progress import somebody_watches
-from hand_recon.schema import HandBatch, HandPrediction, collate
+from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training import HandReconstruction
 from hand_recon.visualization.curves import draw_curves
 from hand_recon.visualization.figures import rank_by_uncertainty
@@ -205,7 +205,7 @@ def _shown_hands(run: Run) -> _Shown | None:
     if count == 0:
         return None
     indices = [position * len(dataset) // count for position in range(count)]
-    batch = collate([dataset[index] for index in indices])
+    batch = gather(dataset, indices)
     module = run.module.to("cpu").eval()
     return _Shown(indices, batch, module(to_float(batch)))
 

@@ -178,11 +178,7 @@ class HandDataModule(lightning.LightningDataModule):
         dataset = self.ground_truth_dataset()
         count = min(limit or len(dataset), len(dataset))
         places = [index * len(dataset) // count for index in range(count)]
-        batch = _stacked(
-            dataset.batch(places)
-            if isinstance(dataset, BatchedDataset)
-            else [dataset[place] for place in places]
-        )
+        batch = gather(dataset, places)
         if batch.landmarks_3d is None:
             return None
         return batch.landmarks_3d, batch.vertices
@@ -227,6 +223,18 @@ class _Batches:
 
     def __getitems__(self, indices: list[int]) -> HandBatch:
         return self.dataset.batch(indices)
+
+
+def gather(dataset: HandDataset, places: list[int]) -> HandBatch:
+    """Some samples of a dataset, stacked.
+
+    Args:
+        dataset: Any.
+        places: Positions in it.
+    """
+    if isinstance(dataset, BatchedDataset):
+        return dataset.batch(places)
+    return collate([dataset[place] for place in places])
 
 
 def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:

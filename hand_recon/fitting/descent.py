@@ -4,7 +4,6 @@ import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
 
 import torch
 from jaxtyping import Float
@@ -12,14 +11,11 @@ from torch import Tensor
 
 from hand_recon.camera import project, six_d_to_rotation
 from hand_recon.fitting.observation import Observation
-from hand_recon.fitting.start import Start, closed_form_starts
+from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters, HandPrediction
 from hand_recon.uncertainty import DataTerm
-
-NEAREST: Final = 0.05
-"""Metres from the camera that no hand comes nearer than."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +50,7 @@ class _Unknowns:
 
     def __init__(self, start: Start, intrinsics: Float[Tensor, "hand 3 3"]) -> None:
         pixel = project(start.translation[:, None], intrinsics)[:, 0]
-        depth = start.translation[:, 2].clamp(min=NEAREST)
+        depth = start.translation[:, 2].clamp(min=SHALLOWEST)
         self.values = {
             "joint_angles": start.joint_angles,
             "columns": start.root_rotation[..., :2].mT.flatten(-2),
@@ -96,7 +92,7 @@ class _Unknowns:
             values["joint_angles"],
             values["shape"],
             six_d_to_rotation(values["columns"]),
-            rays * values["log_depth"].exp().clamp(min=NEAREST)[:, None],
+            rays * values["log_depth"].exp().clamp(min=SHALLOWEST)[:, None],
         )
 
 
@@ -110,16 +106,15 @@ class Objective:
     """Knowledge (Eq. 5)."""
     data_term: DataTerm
     """Residuals → one value per hand; a staged one goes through its stages."""
+    surface: bool = True
+    """Whether the hand has its surface, so that contact counts."""
 
-    def __call__(
-        self, parameters: HandParameters, observation: Observation, *, contact: bool
-    ) -> Fitted:
+    def __call__(self, parameters: HandParameters, observation: Observation) -> Fitted:
         """The hands with every term of their loss.
 
         Args:
             parameters: Of each hand.
             observation: What they should look like.
-            contact: Whether the surface counts.
         """
         posed = self.hand.place(parameters)
         prediction = HandPrediction(
@@ -133,7 +128,7 @@ class Objective:
         )
         residual = prediction.landmarks_2d - observation.landmarks_2d
         data = self.data_term(residual, prediction.log_sigma, observation.labelled)
-        raw = self.prior(prediction, contact=contact)
+        raw = self.prior(prediction, contact=self.surface)
         weighted = self.prior.weighted(raw)
         loss = {"total": data + sum(weighted.values()), "data": data, **raw}
         return Fitted(
@@ -142,7 +137,7 @@ class Objective:
 
     def without_surface(self) -> "Objective":
         """The same on the few vertices that landmarks need, several times faster."""
-        return replace(self, hand=self.hand.of_landmarks())
+        return replace(self, hand=self.hand.of_landmarks(), surface=False)
 
 
 def fit(
@@ -168,12 +163,13 @@ def fit(
             "A fit needs a start: found descent.starts=0 and no lifter. Give 1 to 4 starts, or a lifter."
         )
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
+    light = objective.without_surface()
     pieces = []
     # No hand at all is a batch too: a stretch of a video in which none was found.
     for first in range(0, max(len(observation), 1), size):
         piece = observation[first : first + size]
         starts = _starts(piece, objective.hand, descent, further)
-        pieces.append(_fit_batch(piece, starts, objective, descent))
+        pieces.append(_fit_batch(piece, starts, (light, objective), descent))
     loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
     return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
 
@@ -207,8 +203,12 @@ def _starts(
 
 
 def _fit_batch(
-    observation: Observation, starts: Start, objective: Objective, descent: Descent
+    observation: Observation,
+    starts: Start,
+    objectives: tuple[Objective, Objective],
+    descent: Descent,
 ) -> Fitted:
+    """The best descent of each hand: without the surface from every start, then with it from the best."""
     count = starts.translation.shape[1]
     several = observation[torch.arange(len(observation)).repeat_interleave(count)]
     unknowns = _Unknowns(
@@ -221,18 +221,18 @@ def _fit_batch(
         several.intrinsics,
     )
     # Its own stages for every batch, as if each were a run.
-    objective = replace(objective, data_term=copy.deepcopy(objective.data_term))
+    data_term = copy.deepcopy(objectives[0].data_term)
+    light, whole = (replace(objective, data_term=data_term) for objective in objectives)
     alone = round(descent.contact_from * descent.steps)
-    light = objective.without_surface()
     _descend(unknowns, several, light, descent, range(alone))
     with torch.no_grad():
-        reached = light(unknowns.parameters(several.intrinsics), several, contact=False)
+        reached = light(unknowns.parameters(several.intrinsics), several)
         total = reached.loss["total"].nan_to_num(torch.inf).unflatten(0, (-1, count))
     unknowns.keep(total.argmin(dim=1) + torch.arange(len(total)) * count)
-    _descend(unknowns, observation, objective, descent, range(alone, descent.steps))
+    _descend(unknowns, observation, whole, descent, range(alone, descent.steps))
     with torch.no_grad():
         found = unknowns.parameters(observation.intrinsics)
-        return objective(found, observation, contact=True)
+        return whole(found, observation)
 
 
 def _descend(
@@ -245,13 +245,12 @@ def _descend(
     """Some of the steps of a descent, in place."""
     optimizer = unknowns.optimizer(descent.rate)
     told = observation.log_sigma().exp()
-    whole = objective.hand.faces.numel() > 0
     for step in steps:
         # A stage that starts from the residuals' size starts from what the landmarks are trusted to.
         objective.data_term.observe(told, observation.labelled)
         objective.data_term.begin(step=step, epoch=0, total_steps=descent.steps)
         parameters = unknowns.parameters(observation.intrinsics)
-        loss = objective(parameters, observation, contact=whole).loss["total"]
+        loss = objective(parameters, observation).loss["total"]
         optimizer.zero_grad(set_to_none=True)
         # Hands do not share anything: the gradient of the sum is each hand's own.
         loss.sum().backward()
