@@ -31,7 +31,7 @@ TRUSTED: Final = frozenset(
         "hand_recon.data.augment.Augmentation",
         "hand_recon.data.crop.CropPolicy",
         "hand_recon.data.crop_reader.ReadingPolicy",
-        "hand_recon.data.freihand_datamodule.FreiHandDataModule",
+        "hand_recon.data.freihand.datamodule.FreiHandDataModule",
         "hand_recon.data.synthetic_datamodule.SyntheticDataModule",
         "hand_recon.encoder.ImageEncoder",
         "hand_recon.encoder.LandmarkEncoder",

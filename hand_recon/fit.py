@@ -29,11 +29,11 @@ from hand_recon.configuration import (
     set_threads,
 )
 from hand_recon.data.datamodule import gather
-from hand_recon.data.fitted_hands import FittedHands, fitted_hands
-from hand_recon.data.landmark_crops import to_crops
-from hand_recon.data.landmark_files import read_landmarks
-from hand_recon.data.landmark_set import LandmarkSet
-from hand_recon.data.parsed_landmarks import Assumptions
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.fitted_hands import FittedHands, fitted_hands
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.data.progress import with_progress
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.fit_results import claim_results_folder, write_results

@@ -1,7 +1,7 @@
 """What `python -m hand_recon.fit` leaves behind: hands as JSON, meshes and pictures.
 
 `fit.json` is a list with one object per hand, in the order of the input and one to a line: what
-`hand_recon.data.fitted_hands` describes. `joints.json` names its landmarks, joints and
+`hand_recon.data.landmarks.fitted_hands` describes. `joints.json` names its landmarks, joints and
 axes. Meshes are in metres in the camera's frame.
 """
 
@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from hand_recon.data.fitted_hands import FittedHands, entries
+from hand_recon.data.landmarks.fitted_hands import FittedHands, entries
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARK_PARENTS, LANDMARKS
 from hand_recon.visualization.fitted import contact_sheet, draw_fitted, picture_of
 

@@ -14,10 +14,10 @@ import torch
 import trimesh
 
 from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
-from hand_recon.data.fitted_hands import FittedHands, fitted_hands
-from hand_recon.data.landmark_crops import to_crops
-from hand_recon.data.landmark_files import read_landmarks
-from hand_recon.data.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.fitted_hands import FittedHands, fitted_hands
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
 from hand_recon.fit_results import ResultOptions, claim_results_folder, write_results
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS

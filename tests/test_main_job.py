@@ -10,7 +10,7 @@ import pytest
 import torch
 from omegaconf import DictConfig, open_dict
 
-from hand_recon.data.synthetic.freihand_layout import FreiHandFolder, write_freihand_layout
+from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.evaluate import evaluate
 from hand_recon.train import train
 from tests.test_configuration import composed

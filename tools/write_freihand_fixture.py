@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hand_recon.data.synthetic.freihand_layout import FreiHandFolder, write_freihand_layout
+from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
 
 
 def main() -> None:

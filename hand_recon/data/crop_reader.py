@@ -16,7 +16,7 @@ from jaxtyping import Float, Int, UInt8
 
 from hand_recon.data.cache import MappedArray, digest, ensure_built
 from hand_recon.data.crop import CropPolicy, crop_image
-from hand_recon.data.freihand_files import FreiHandPart
+from hand_recon.data.freihand.files import FreiHandPart
 from hand_recon.data.images import CorruptImages, read_image
 from hand_recon.data.progress import with_progress
 

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from hand_recon.data.crop import around_landmarks, crop_image, crop_matrix, crop_points
-from hand_recon.data.fitted_hands import FittedHands
 from hand_recon.data.images import read_image
+from hand_recon.data.landmarks.fitted_hands import FittedHands
 from hand_recon.visualization.mesh import from_the_side, shade
 from hand_recon.visualization.overlay import draw_landmarks
 

@@ -13,7 +13,7 @@ from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataModule, HandDataset, SeededShuffle
-from hand_recon.data.freihand_datamodule import FreiHandDataModule
+from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.synthetic_datamodule import SyntheticDataModule
 from hand_recon.schema import HandBatch, HandSample
 from tests.data.freihand_folder import write_folder

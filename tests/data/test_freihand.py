@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.freihand import FreiHand, FreiHandRecipe
-from hand_recon.data.freihand_files import MANO_TIPS
+from hand_recon.data.freihand.dataset import FreiHand, FreiHandRecipe
+from hand_recon.data.freihand.files import MANO_TIPS
 from tests.data.freihand_folder import (
     SIZE,
     Folder,

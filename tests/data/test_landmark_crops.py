@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
 from hand_recon.data.crop import around_landmarks, crop_intrinsics, crop_matrix, crop_points
-from hand_recon.data.landmark_crops import LandmarkCrops, to_crops, uncrop_prediction
-from hand_recon.data.landmark_set import LandmarkSet, mirror, mirror_left, mirror_matrices
+from hand_recon.data.landmarks.crops import LandmarkCrops, to_crops, uncrop_prediction
+from hand_recon.data.landmarks.landmark_set import LandmarkSet, mirror, mirror_left, mirror_matrices
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandParameters, HandPrediction
 from tests.tolerance import assert_close

@@ -12,9 +12,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hand_recon.data.landmark_files import read_landmarks
-from hand_recon.data.landmark_set import LandmarkSet
-from hand_recon.data.parsed_landmarks import Assumptions
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
 
 POINTS = np.random.default_rng(0).uniform(5, 1900, (3, 21, 2)).round(2)

@@ -11,7 +11,7 @@ import torch
 
 from hand_recon.data.synthetic import picture_store
 from hand_recon.data.synthetic.dataset import SyntheticHands
-from hand_recon.data.synthetic.freihand_layout import FreiHandFolder, write_freihand_layout
+from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.data.synthetic.picture import SyntheticHand, synthetic_hand
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.schema import collate

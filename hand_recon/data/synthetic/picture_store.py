@@ -40,7 +40,7 @@ COLUMNS: Final[tuple[str, ...]] = (
 """What is stored of each picture besides its pixels; names as in `SyntheticView`."""
 
 
-_NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py", "freihand_layout.py"})
+_NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py"})
 """Modules that no picture depends on."""
 
 

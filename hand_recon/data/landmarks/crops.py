@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.data.landmark_set import (
+from hand_recon.data.landmarks.landmark_set import (
     LandmarkSet,
     boxes,
     mirror_camera,

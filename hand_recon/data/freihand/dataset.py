@@ -17,7 +17,7 @@ from torch.utils.data import Dataset
 
 from hand_recon.data.crop import CropPolicy, crop_intrinsics, crop_points
 from hand_recon.data.crop_reader import CropReader, ReadingPolicy
-from hand_recon.data.freihand_files import (
+from hand_recon.data.freihand.files import (
     FreiHandPart,
     find_evaluation,
     follows_mano,

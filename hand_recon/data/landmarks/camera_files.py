@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.data.parsed_landmarks import refuse
+from hand_recon.data.landmarks.parsed import refuse
 
 
 def read_intrinsics(path: Path, hands: int) -> Float[np.ndarray, "hand 3 3"]:

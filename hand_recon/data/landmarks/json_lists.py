@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.data.camera_files import to_camera_matrices
-from hand_recon.data.parsed_landmarks import ParsedHands, read_side
+from hand_recon.data.landmarks.camera_files import to_camera_matrices
+from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 
 logger = logging.getLogger(__name__)
 

@@ -12,10 +12,10 @@ JSON
     `handedness`), `image`, `name`, `intrinsics` (or `K`), `confidence` and `sigma` (21 numbers each;
     σ also as 21 pairs). Other keys are left unread with a warning. `fit.json` is such a list.
 
-    COCO's keypoint format (`hand_recon.data.coco_keypoints`).
+    COCO's keypoint format (`hand_recon.data.landmarks.coco`).
 
 CSV
-    One row per hand or one per landmark (`hand_recon.data.landmark_csv`).
+    One row per hand or one per landmark (`hand_recon.data.landmarks.csv_table`).
 
 A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what they did not find.
 """
@@ -25,12 +25,12 @@ import json
 import logging
 from pathlib import Path
 
-from hand_recon.data.camera_files import read_intrinsics
-from hand_recon.data.coco_keypoints import is_coco, parse_coco
-from hand_recon.data.landmark_csv import parse_csv
-from hand_recon.data.landmark_json import LANDMARK_KEYS, parse_objects, parse_points
-from hand_recon.data.landmark_set import FEWEST, LandmarkSet
-from hand_recon.data.parsed_landmarks import Assumptions, ParsedHands, to_landmark_set
+from hand_recon.data.landmarks.camera_files import read_intrinsics
+from hand_recon.data.landmarks.coco import is_coco, parse_coco
+from hand_recon.data.landmarks.csv_table import parse_csv
+from hand_recon.data.landmarks.json_lists import LANDMARK_KEYS, parse_objects, parse_points
+from hand_recon.data.landmarks.landmark_set import FEWEST, LandmarkSet
+from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_landmark_set
 
 logger = logging.getLogger(__name__)
 

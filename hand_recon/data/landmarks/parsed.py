@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from hand_recon.data.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
 from hand_recon.hand.skeleton import landmark_permutation
 
 logger = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.data.parsed_landmarks import ParsedHands, read_side
+from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 from hand_recon.hand.skeleton import LANDMARKS
 
 Rows = list[list[str]]

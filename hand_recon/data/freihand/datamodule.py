@@ -8,7 +8,7 @@ from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataModule
-from hand_recon.data.freihand import FreiHand, FreiHandRecipe
+from hand_recon.data.freihand.dataset import FreiHand, FreiHandRecipe
 
 
 class FreiHandDataModule(HandDataModule):
@@ -41,7 +41,7 @@ class FreiHandDataModule(HandDataModule):
             workers: Loading processes.
             augmentation: Applied to training batches.
             seed: Fixes the order of samples and the augmentation.
-            **recipe: Other fields of `hand_recon.data.freihand.FreiHandRecipe`.
+            **recipe: Other fields of `hand_recon.data.freihand.dataset.FreiHandRecipe`.
         """
         self.landmarks = landmarks
         crop = crop or CropPolicy()

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hand_recon.data.parsed_landmarks import ParsedHands, read_side
+from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 
 logger = logging.getLogger(__name__)
 

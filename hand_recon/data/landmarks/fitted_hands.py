@@ -25,8 +25,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.data.landmark_crops import LandmarkCrops, uncrop_prediction
-from hand_recon.data.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.crops import LandmarkCrops, uncrop_prediction
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
 from hand_recon.schema import HandParameters, HandPrediction
 
 Record = TypeVar("Record", HandParameters, HandPrediction)

@@ -1,0 +1,1 @@
+"""FreiHAND: real right hands with cameras, 3D landmarks and surfaces (Sec. 4.1)."""
