@@ -145,6 +145,8 @@ class HandBatch(_TensorRecord):
     """Standard deviation of the label's noise, pixels; NaN where unknown."""
     confidence: Float[Tensor, "batch landmark=21"] | None = None
     """How sure of each landmark whoever placed it was, from 0 to 1; NaN where unknown."""
+    mirrored: Bool[Tensor, " batch"] | None = None
+    """Which pictures show a left hand turned into a right one; absent if none does."""
 
     def __len__(self) -> int:
         return int(self.landmarks_2d.shape[0])
@@ -209,7 +211,12 @@ def collate(samples: list[HandSample]) -> HandBatch:
         occluded=_stack_if_all([sample.occluded for sample in samples]),
         label_noise=_stack_or_nan([sample.label_noise for sample in samples]),
         confidence=_stack_or_nan([sample.confidence for sample in samples]),
+        mirrored=_which([sample.mirrored for sample in samples]),
     )
+
+
+def _which(flags: list[bool]) -> Tensor | None:
+    return torch.tensor(flags) if any(flags) else None
 
 
 def _stack_if_all(tensors: list[Tensor | None]) -> Tensor | None:

@@ -11,10 +11,11 @@ from typing import Final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
-POLICIES: Final = ("full", "joints")
-"""What a crop can be made around: the whole image, or the box of the labelled landmarks."""
+POLICIES: Final = ("full", "centre", "joints", "box", "mask")
+"""What a crop can be made around: the whole image, its middle, the box of the labelled landmarks, the
+dataset's own box, the hand's largest piece in the dataset's mask."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,20 @@ class Square:
 
 
 @dataclass(frozen=True)
+class Place:
+    """What a dataset knows of where a hand is in its picture."""
+
+    landmarks: Float[np.ndarray, "landmark 2"]
+    """Pixels of the image, NaN where not labelled."""
+    box: Float[np.ndarray, " 4"] | None = None
+    """Left, top, right and bottom, pixels of the image; NaN where unknown."""
+    mask: Bool[np.ndarray, "height width"] | None = None
+    """Where the hand is."""
+    name: str = "this sample"
+    """For messages."""
+
+
+@dataclass(frozen=True)
 class CropPolicy:
     """How a dataset cuts its crops.
 
@@ -45,33 +60,69 @@ class CropPolicy:
     size: int = 224
     """Side of the crop, pixels."""
     around: str = "full"
-    """`full` for the whole image, `joints` for the box of the labelled landmarks."""
+    """One of `POLICIES`."""
     expansion: float = 1.5
-    """Side of a crop around landmarks, as a multiple of their box's longer side."""
+    """Side of a crop around landmarks, box or mask, as a multiple of the longer side of their box."""
+    centre_side: float = 130.0
+    """Side of a crop `around=centre`, pixels of the image (MobRecon's FreiHAND test: 100 × 1.3)."""
 
     def __post_init__(self) -> None:
         if self.around not in POLICIES:
             raise ValueError(f"Unknown crop {self.around!r}; choose one of {list(POLICIES)}.")
-        if self.size < 1 or not self.expansion > 0:
+        if self.size < 1 or not self.expansion > 0 or not self.centre_side > 0:
             raise ValueError(
-                f"A crop of {self.size} pixels at expansion {self.expansion} shows nothing; both "
-                "must be positive."
+                f"A crop of {self.size} pixels at expansion {self.expansion} (or of {self.centre_side} "
+                "pixels of the image) shows nothing; all must be positive."
             )
 
-    def matrix(
-        self, image_size: tuple[int, int], landmarks: Float[np.ndarray, "landmark 2"]
-    ) -> Float[np.ndarray, "3 3"]:
+    def matrix(self, image_size: tuple[int, int], place: Place) -> Float[np.ndarray, "3 3"]:
         """Image → crop, for one image.
 
         Args:
             image_size: Height and width, pixels.
-            landmarks: Pixels of the image, NaN where not labelled.
+            place: Where the hand is.
+
+        Raises:
+            ValueError: The dataset does not know what the crop should be made around.
         """
+        return crop_matrix(self._square(image_size, place), self.size)
+
+    def _square(self, image_size: tuple[int, int], place: Place) -> Square:
+        height, width = image_size
         if self.around == "full":
-            square = whole_image(*image_size)
-        else:
-            square = around_landmarks(landmarks, self.expansion)
-        return crop_matrix(square, self.size)
+            return whole_image(height, width)
+        if self.around == "centre":
+            return Square((width / 2, height / 2), self.centre_side)
+        if self.around == "joints":
+            return around_landmarks(place.landmarks, self.expansion)
+        if self.around == "box":
+            if place.box is None or not np.isfinite(place.box).all():
+                raise ValueError(_nothing_to_cut(place, "no box"))
+            left, top, right, bottom = place.box.tolist()
+            return around_box((left, top, right, bottom), self.expansion)
+        if place.mask is None or not place.mask.any():
+            raise ValueError(_nothing_to_cut(place, "no mask, or an empty one"))
+        return around_box(mask_box(place.mask), self.expansion)
+
+
+def _nothing_to_cut(place: Place, missing: str) -> str:
+    return (
+        f"{place.name} has {missing} to cut a crop around. Choose another crop: data.crop.around=joints, or "
+        "for FreiHAND's evaluation pictures data.test_crop.around=centre."
+    )
+
+
+def mask_box(mask: Bool[np.ndarray, "height width"]) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of a mask's largest connected piece, pixels."""
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    # Row 0 is the background.
+    left, top, width, height, _ = stats[1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())].tolist()
+    return float(left), float(top), float(left + width), float(top + height)
+
+
+def crop_mirror(crop_size: int) -> Float[np.ndarray, "3 3"]:
+    """Crop → its mirror image, left and right exchanged."""
+    return np.array([[-1.0, 0.0, float(crop_size)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def whole_image(height: int, width: int) -> Square:

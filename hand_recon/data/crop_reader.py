@@ -14,13 +14,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from hand_recon.data.annotated import AnnotatedHands
 from hand_recon.data.cache import MappedArray, digest, ensure_built
-from hand_recon.data.crop import CropPolicy, crop_image
-from hand_recon.data.freihand.files import FreiHandPart
+from hand_recon.data.crop import CropPolicy, Place, crop_image, crop_mirror
 from hand_recon.data.images import CorruptImages, read_image
 from hand_recon.data.progress import with_progress
 
 logger = logging.getLogger(__name__)
+
+MASK_THRESHOLD = 150
+"""Grey above which a mask is white: masks are JPEGs, whose edges ring."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class ReadingPolicy:
     @property
     def folder(self) -> Path | None:
         """Where parsed JSON lists and decoded crops are kept."""
-        return None if self.cache_dir is None else Path(self.cache_dir).expanduser() / "freihand"
+        return None if self.cache_dir is None else Path(self.cache_dir).expanduser() / "pictures"
 
 
 @dataclass(frozen=True)
@@ -53,68 +56,79 @@ class Crop:
 
 
 class CropReader:
-    """Gives the crop of an image by the image's number, or None if it cannot be read."""
+    """Gives the crop of a row of annotated hands, or None if its picture cannot be read."""
 
     def __init__(
         self,
-        part: FreiHandPart,
-        labels: Float[np.ndarray, "hand landmark=21 2"],
-        images: Int[np.ndarray, " image"],
+        hands: AnnotatedHands,
+        rows: Int[np.ndarray, " row"],
         crop: CropPolicy,
         policy: ReadingPolicy,
     ) -> None:
         """Open the map of crops, or make it if there is a folder for it.
 
         Args:
-            part: The dataset's files.
-            labels: 2D landmarks of each hand, pixels of the image.
-            images: Numbers of all images that may be asked for by any split.
+            hands: The dataset.
+            rows: All that may be asked for by any split.
             crop: How to cut.
             policy: Caches and limits.
 
         Raises:
             RuntimeError: More pictures are damaged than allowed.
         """
-        self.part = part
-        self.labels = labels
+        self.hands = hands
         self.crop = crop
         self.corrupt = CorruptImages(policy.max_corrupt)
-        self.row_of_image = np.full(len(part) * len(part.versions), -1)
-        self.row_of_image[images] = np.arange(len(images))
         self._map: _CropMap | None = None
         if policy.folder is not None and policy.decode_cache:
-            self._map = self._open_map(policy.folder, images, policy.workers)
+            # Sorted, so that no order of the rows makes another map.
+            rows = np.unique(rows)
+            self.place_of_row = np.full(len(hands), -1)
+            self.place_of_row[rows] = np.arange(len(rows))
+            self._map = self._open_map(policy.folder, rows, policy.workers)
 
-    def read(self, image: int) -> Crop | None:
-        """The crop of an image; a warning and None if it cannot be read.
+    def read(self, row: int) -> Crop | None:
+        """The crop of a hand, a right one always; a warning and None if its picture cannot be read.
 
         Raises:
             RuntimeError: It is one damaged picture too many.
         """
         crop = (
-            self._decode(image)
-            if self._map is None
-            else self._map.read(int(self.row_of_image[image]))
+            self._decode(row) if self._map is None else self._map.read(int(self.place_of_row[row]))
         )
         if crop is None:
-            self.corrupt.add(str(self.part.image(image)))
+            self.corrupt.add(str(self.hands.pictures[row]))
         return crop
 
-    def _decode(self, image: int) -> Crop | None:
-        pixels = read_image(self.part.image(image))
+    def _decode(self, row: int) -> Crop | None:
+        hands = self.hands
+        pixels = read_image(hands.pictures[row])
         if pixels is None:
             return None
         height, width = pixels.shape[:2]
-        matrix = self.crop.matrix((height, width), self.labels[image % len(self.part)])
+        matrix = self.crop.matrix((height, width), self._place(row))
+        if hands.is_left(row):
+            matrix = crop_mirror(self.crop.size) @ matrix
         crop = crop_image(pixels, matrix, self.crop.size)
         return Crop(pixels=np.ascontiguousarray(crop.transpose(2, 0, 1)), matrix=matrix)
 
+    def _place(self, row: int) -> Place:
+        hands = self.hands
+        mask = None
+        if hands.masks is not None and self.crop.around == "mask":
+            mask = read_image(hands.masks[row])
+        return Place(
+            landmarks=hands.landmarks_2d[row],
+            box=None if hands.boxes is None else hands.boxes[row],
+            mask=None if mask is None else mask[..., 0] > MASK_THRESHOLD,
+            name=hands.source(row),
+        )
+
     def _open_map(
-        self, folder: Path, images: Int[np.ndarray, " image"], workers: int
+        self, folder: Path, rows: Int[np.ndarray, " row"], workers: int
     ) -> "_CropMap | None":
-        recipe = (self.part.fingerprint, vars(self.crop), images.tobytes())
-        target = folder / f"{self.part.name}-{self.crop.around}-{self.crop.size}-{digest(*recipe)}"
-        needed = len(images) * 3 * self.crop.size**2
+        target = folder / self.map_name(rows)
+        needed = len(rows) * 3 * self.crop.size**2
         folder.mkdir(parents=True, exist_ok=True)
         if not target.is_dir() and shutil.disk_usage(folder).free < 1.1 * needed:
             logger.warning(
@@ -125,34 +139,46 @@ class CropReader:
 
         def build(partial: Path) -> None:
             logger.info(
-                "Decoding %d images once into %s (%.1f GB)", len(images), target, needed / 1e9
+                "Decoding %d images once into %s (%.1f GB)", len(rows), target, needed / 1e9
             )
-            self._fill(partial, images, workers)
+            self._fill(partial, rows, workers)
 
         ensure_built(target, build)
         return _CropMap(target)
 
-    def _fill(self, folder: Path, images: Int[np.ndarray, " image"], workers: int) -> None:
-        """Decode everything; a damaged picture is a row that is marked as unreadable."""
-        shape = (len(images), 3, self.crop.size, self.crop.size)
-        crops = np.lib.format.open_memmap(folder / "crops.npy", "w+", np.uint8, shape)
-        matrices = np.full((len(images), 3, 3), np.nan)
+    def map_name(self, rows: Int[np.ndarray, " row"]) -> str:
+        """The folder of the map of some rows: other labels, pictures or crops have another."""
+        recipe = (self.hands.fingerprint, sorted(vars(self.crop).items()), rows.tobytes())
+        return f"{self.hands.name}-{self.crop.around}-{self.crop.size}-{digest(*recipe)}"
 
-        def decode(row: int) -> bool:
-            crop = self._decode(int(images[row]))
+    def _fill(self, folder: Path, rows: Int[np.ndarray, " row"], workers: int) -> None:
+        """Decode everything; a damaged picture is a place that is marked as unreadable."""
+        shape = (len(rows), 3, self.crop.size, self.crop.size)
+        crops = np.lib.format.open_memmap(folder / "crops.npy", "w+", np.uint8, shape)
+        matrices = np.full((len(rows), 3, 3), np.nan)
+
+        def decode(place: int) -> bool:
+            crop = self._decode(int(rows[place]))
             if crop is not None:
-                crops[row], matrices[row] = crop.pixels, crop.matrix
+                crops[place], matrices[place] = crop.pixels, crop.matrix
             return crop is not None
 
         # OpenCV decodes outside the interpreter's lock, so threads are enough.
         with ThreadPoolExecutor(max(1, workers)) as pool:
-            rows = pool.map(decode, range(len(images)))
-            for row, readable in enumerate(with_progress(rows, len(images), "Decoding")):
+            places = pool.map(decode, range(len(rows)))
+            for place, readable in enumerate(with_progress(places, len(rows), "Decoding")):
                 if not readable:
-                    self.corrupt.add(str(self.part.image(int(images[row]))))
+                    self.corrupt.add(str(self.hands.pictures[int(rows[place])]))
         crops.flush()
         np.save(folder / "matrices.npy", matrices)
-        manifest = {"images": str(self.part.rgb), "crop": vars(self.crop), "count": len(images)}
+        manifest = {
+            "dataset": self.hands.name,
+            "root": str(self.hands.root),
+            "fingerprint": self.hands.fingerprint,
+            "crop": vars(self.crop),
+            "count": len(rows),
+            "unreadable": self.corrupt.names,
+        }
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2))
 
 

@@ -7,13 +7,16 @@ from hypothesis import strategies as st
 
 from hand_recon.data.crop import (
     CropPolicy,
+    Place,
     Square,
     around_box,
     around_landmarks,
     crop_image,
     crop_intrinsics,
     crop_matrix,
+    crop_mirror,
     crop_points,
+    mask_box,
     uncrop_points,
     whole_image,
 )
@@ -92,7 +95,7 @@ def test_outside_the_image_is_black() -> None:
 
 def test_a_wide_image_is_padded_above_and_below() -> None:
     image = np.full((40, 80, 3), 200, dtype=np.uint8)
-    crop = crop_image(image, CropPolicy(size=80).matrix((40, 80), np.zeros((21, 2))), 80)
+    crop = crop_image(image, CropPolicy(size=80).matrix((40, 80), Place(np.zeros((21, 2)))), 80)
     assert crop[:19].max() == 0
     assert crop[21:59].min() == 200
     assert crop[61:].max() == 0
@@ -116,5 +119,39 @@ def test_a_crop_of_nothing_is_refused() -> None:
 
 
 def test_an_unknown_policy_is_refused() -> None:
-    with pytest.raises(ValueError, match="Unknown crop 'mask'; choose one of"):
-        CropPolicy(around="mask")
+    with pytest.raises(ValueError, match="Unknown crop 'hand'; choose one of"):
+        CropPolicy(around="hand")
+
+
+def test_a_box_and_a_mask_are_what_a_crop_is_made_around() -> None:
+    mask = np.zeros((60, 100), dtype=bool)
+    mask[10:30, 20:60] = True
+    # A speck of noise, as JPEG masks have them, does not widen the box.
+    mask[55, 95] = True
+    assert mask_box(mask) == (20.0, 10.0, 60.0, 30.0)
+    place = Place(np.full((21, 2), np.nan), np.array([20.0, 10.0, 60.0, 30.0]), mask)
+    expected = crop_matrix(Square((40.0, 20.0), 60.0), 50)
+    for around in ("box", "mask"):
+        found = CropPolicy(50, around, expansion=1.5).matrix((60, 100), place)
+        np.testing.assert_allclose(found, expected)
+
+
+def test_a_crop_of_the_middle_has_the_side_asked_for() -> None:
+    matrix = CropPolicy(65, "centre", centre_side=130.0).matrix(
+        (224, 224), Place(np.zeros((21, 2)))
+    )
+    corners = crop_points(np.array([[47.0, 47.0], [177.0, 177.0]]), matrix)
+    np.testing.assert_allclose(corners, [[0, 0], [65, 65]])
+
+
+@pytest.mark.parametrize("around", ["box", "mask"])
+def test_what_a_dataset_does_not_know_cannot_be_cropped_around(around: str) -> None:
+    place = Place(np.zeros((21, 2)), np.full(4, np.nan), np.zeros((4, 4), dtype=bool), "a.jpg")
+    with pytest.raises(ValueError, match=rf"a.jpg has .*{around}.*data.crop.around=joints"):
+        CropPolicy(64, around).matrix((4, 4), place)
+
+
+def test_a_mirrored_crop_mirrored_again_is_the_crop() -> None:
+    mirror = crop_mirror(96)
+    np.testing.assert_array_equal(mirror @ mirror, np.eye(3))
+    np.testing.assert_array_equal(crop_points(np.array([[1.5, 7.0]]), mirror), [[94.5, 7.0]])

@@ -59,7 +59,7 @@ def test_a_damaged_picture_is_skipped_with_a_warning(
     path = folder.root / "training" / "rgb" / f"{number:08d}.jpg"
     path.write_bytes(path.read_bytes()[:-40])
     reading = ReadingPolicy(cache_dir=tmp_path / "cache" if cached else None)
-    data = FreiHand("train", FreiHandRecipe(folder.root, FULL, reading))
+    data = FreiHand("train", FreiHandRecipe(folder.root, FULL, reading=reading))
     assert data[3].source == data[4].source
     assert data[3].index == 4
     assert caplog.text.count(f"Cannot read {path}") == 1
@@ -71,7 +71,7 @@ def test_too_many_damaged_pictures_stop_the_run_and_are_named(
 ) -> None:
     paths = damage(folder.root, 30)
     reading = ReadingPolicy(cache_dir=tmp_path / "cache" if cached else None, max_corrupt=5)
-    recipe = FreiHandRecipe(folder.root, FULL, reading)
+    recipe = FreiHandRecipe(folder.root, FULL, reading=reading)
     with pytest.raises(RuntimeError, match=rf"6 images cannot be read.*{paths[0]}"):
         read_everything(recipe)
 
@@ -79,7 +79,9 @@ def test_too_many_damaged_pictures_stop_the_run_and_are_named(
 def test_the_cache_gives_what_decoding_gives(folder: Folder, tmp_path: Path) -> None:
     crop = CropPolicy(48, "joints")
     slow = FreiHand("train", FreiHandRecipe(folder.root, crop))
-    fast = FreiHand("train", FreiHandRecipe(folder.root, crop, ReadingPolicy(tmp_path / "cache")))
+    fast = FreiHand(
+        "train", FreiHandRecipe(folder.root, crop, reading=ReadingPolicy(tmp_path / "cache"))
+    )
     for index in range(len(slow)):
         assert torch.equal(slow[index].image, fast[index].image)
         assert torch.equal(slow[index].landmarks_2d, fast[index].landmarks_2d)
@@ -89,7 +91,7 @@ def test_all_splits_share_one_map_and_the_dataset_folder_is_not_written(
     folder: Folder, tmp_path: Path
 ) -> None:
     before = sorted(folder.root.rglob("*"))
-    recipe = FreiHandRecipe(folder.root, FULL, ReadingPolicy(tmp_path / "cache"))
+    recipe = FreiHandRecipe(folder.root, FULL, reading=ReadingPolicy(tmp_path / "cache"))
     for split in ("train", "val", "test"):
         _ = FreiHand(split, recipe)[0]
     assert len(list((tmp_path / "cache").rglob("crops.npy"))) == 1
@@ -97,7 +99,7 @@ def test_all_splits_share_one_map_and_the_dataset_folder_is_not_written(
 
 
 def test_a_changed_label_or_picture_makes_a_new_cache(folder: Folder, tmp_path: Path) -> None:
-    recipe = FreiHandRecipe(folder.root, FULL, ReadingPolicy(tmp_path / "cache"))
+    recipe = FreiHandRecipe(folder.root, FULL, reading=ReadingPolicy(tmp_path / "cache"))
     old = FreiHand("val", recipe)[0]
     edit_json(folder.root / "training_xyz.json", lambda a: np.add(a, [0, 0.001, 0], out=a))
     picture = folder.root / "training" / "rgb" / f"{image_number(old.source):08d}.jpg"
@@ -111,7 +113,7 @@ def test_a_changed_label_or_picture_makes_a_new_cache(folder: Folder, tmp_path: 
 
 
 def test_a_dataset_is_sent_to_workers_as_a_path(folder: Folder, tmp_path: Path) -> None:
-    recipe = FreiHandRecipe(folder.root, CropPolicy(224), ReadingPolicy(tmp_path / "cache"))
+    recipe = FreiHandRecipe(folder.root, CropPolicy(224), reading=ReadingPolicy(tmp_path / "cache"))
     data = FreiHand("train", recipe)
     image = data[0].image
     sent = pickle.dumps(data)
@@ -120,7 +122,7 @@ def test_a_dataset_is_sent_to_workers_as_a_path(folder: Folder, tmp_path: Path) 
 
 
 def test_a_cache_that_was_never_finished_is_made_anew(folder: Folder, tmp_path: Path) -> None:
-    recipe = FreiHandRecipe(folder.root, FULL, ReadingPolicy(tmp_path / "cache"))
+    recipe = FreiHandRecipe(folder.root, FULL, reading=ReadingPolicy(tmp_path / "cache"))
     FreiHand("val", recipe)
     made = next((tmp_path / "cache").rglob("crops.npy")).parent
     before = (made / "crops.npy").read_bytes()

@@ -45,7 +45,7 @@ class FreiHandDataModule(HandDataModule):
         """
         self.landmarks = landmarks
         crop = crop or CropPolicy()
-        self.recipe = FreiHandRecipe(root, crop, reading or ReadingPolicy(), **recipe)
+        self.recipe = FreiHandRecipe(root, crop=crop, reading=reading or ReadingPolicy(), **recipe)
         super().__init__(
             partial(FreiHand, "train", self.recipe),
             partial(FreiHand, "val", self.recipe),

@@ -8,15 +8,14 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
-from torch.utils.data import Dataset
 
-from hand_recon.data.crop import CropPolicy, crop_intrinsics, crop_points
-from hand_recon.data.crop_reader import CropReader, ReadingPolicy
+from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.freihand.files import (
     FreiHandPart,
     find_evaluation,
@@ -24,14 +23,13 @@ from hand_recon.data.freihand.files import (
     open_part,
 )
 from hand_recon.data.images import read_image
-from hand_recon.schema import HandSample
+from hand_recon.data.picture_hands import PictureHands, PictureRecipe
+from hand_recon.hand.skeleton import ROOT_LANDMARK
 
 logger = logging.getLogger(__name__)
 
 TEST_SOURCES: Final = ("auto", "evaluation", "held_out")
 """Which hands test."""
-
-_ALL_LABELLED: Final = torch.ones(21, dtype=torch.bool)
 
 
 @dataclass(frozen=True)
@@ -46,6 +44,8 @@ class FreiHandRecipe:
     """The folder that holds `training_xyz.json`."""
     crop: CropPolicy = field(default_factory=CropPolicy)
     """Size and place of the crops."""
+    test_crop: CropPolicy | None = None
+    """The same for test hands, where it differs: the evaluation part has no masks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
     """Caches, and how many damaged pictures are too many."""
     eval_root: Path | str | None = None
@@ -75,7 +75,7 @@ class FreiHandRecipe:
             )
 
 
-class FreiHand(Dataset[HandSample]):
+class FreiHand(PictureHands):
     """One split: training hands in all their colourings, others in one."""
 
     def __init__(
@@ -98,61 +98,34 @@ class FreiHand(Dataset[HandSample]):
             raise ValueError(f"Unknown split {split!r}; choose train, val or test.")
         self.split = split
         self.recipe = recipe
-        self.part, self.hands = self._choose_hands()
-        # The benchmark shows each hand once; four colourings of it would only cost time.
-        versions = self._wanted_versions()
-        self.images = self._images_of(self.hands, versions if split == "train" else versions[:1])
-        self.labels_2d = self.part.projections()
+        self.part, self.chosen = self._choose_hands()
         self._check_projections()
-        self._vertices = self._choose_vertices(
-            split == "test" if with_vertices is None else with_vertices
+        versions = self._wanted_versions()
+        table = self._annotated(split == "test" if with_vertices is None else with_vertices)
+        crop = recipe.test_crop if split == "test" and recipe.test_crop is not None else recipe.crop
+        super().__init__(
+            table,
+            # The benchmark shows each hand once; four colourings of it would only cost time.
+            self._images_of(self.chosen, versions if split == "train" else versions[:1]),
+            PictureRecipe(crop, recipe.reading),
+            cached_rows=self._images_of(np.arange(len(self.part)), versions),
         )
-        self.reader = CropReader(
-            self.part,
-            self.labels_2d,
-            self._images_of(np.arange(len(self.part)), self._wanted_versions()),
-            recipe.crop,
-            recipe.reading,
-        )
 
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def __getitem__(self, index: int) -> HandSample:
-        """The sample at a position, or the next one whose picture can be read.
-
-        Raises:
-            IndexError: There is no such position.
-            RuntimeError: Too many pictures cannot be read.
-        """
-        if not 0 <= index < len(self):
-            raise IndexError(f"Sample {index} of {len(self)}.")
-        for step in range(len(self)):
-            position = (index + step) % len(self)
-            sample = self._sample(position)
-            if sample is not None:
-                return sample
-        raise RuntimeError(f"No picture in {self.part.rgb} can be read; unpack the archive again.")
-
-    def _sample(self, position: int) -> HandSample | None:
-        image = int(self.images[position])
-        hand = image % len(self.part)
-        crop = self.reader.read(image)
-        if crop is None:
-            return None
-        intrinsics = crop_intrinsics(self.part.intrinsics[hand], crop.matrix)
-        labels = crop_points(self.labels_2d[hand], crop.matrix)
-        return HandSample(
-            image=torch.from_numpy(crop.pixels),
-            landmarks_2d=torch.from_numpy(labels).float(),
-            labelled=_ALL_LABELLED,
-            index=position,
-            source=f"{self.part.name}/rgb/{image:08d}{self.part.suffix}",
-            intrinsics=torch.from_numpy(intrinsics).float(),
-            landmarks_3d=torch.from_numpy(self.part.landmarks[hand]),
-            vertices=None
-            if self._vertices is None
-            else torch.from_numpy(np.array(self._vertices[hand])),
+    def _annotated(self, with_vertices: bool) -> AnnotatedHands:
+        """The whole part, one row per picture: image i + N·v is version v of hand i."""
+        part = self.part
+        versions = len(part.versions)
+        vertices = self._choose_vertices(with_vertices)
+        return AnnotatedHands(
+            name=f"freihand-{part.name}",
+            root=part.rgb.parents[1],
+            pictures=part.pictures,
+            fingerprint=part.fingerprint,
+            landmarks_2d=np.tile(part.projections(), (versions, 1, 1)),
+            intrinsics=np.tile(part.intrinsics, (versions, 1, 1)),
+            landmarks_3d=np.tile(part.landmarks, (versions, 1, 1)),
+            masks=_Repeated(part.masks, len(part)) if part.name == "training" else None,
+            surfaces=None if vertices is None else _Repeated(vertices, len(part)).__getitem__,
         )
 
     def _choose_hands(self) -> tuple[FreiHandPart, Int[np.ndarray, " chosen"]]:
@@ -237,15 +210,30 @@ class FreiHand(Dataset[HandSample]):
 
     def _check_projections(self) -> None:
         """Refuse labels of which most are far outside the pictures: K belongs to another size."""
-        picture = read_image(self.part.image(int(self.images[0]))) if len(self.images) else None
+        picture = read_image(self.part.pictures[int(self.chosen[0])]) if len(self.chosen) else None
         if picture is None:
             return
         height, width = picture.shape[:2]
         size = np.array([width, height])
-        outside = np.any(np.abs(self.labels_2d[:, 9] - size / 2) > size, axis=-1)
+        middle = self.part.projections()[:, ROOT_LANDMARK]
+        outside = np.any(np.abs(middle - size / 2) > size, axis=-1)
         if outside.mean() > 0.5:
             raise ValueError(
                 f"{self.part.root / f'{self.part.name}_K.json'}: {int(outside.sum())} of "
                 f"{outside.size} hands project far outside their pictures of {width} × {height} "
                 "pixels. The camera matrices must be those of the pictures as they are on the disk."
             )
+
+
+class _Repeated:
+    """Something per hand, asked for by picture."""
+
+    def __init__(self, of_hand: Any, hands: int) -> None:  # noqa: ANN401  # an array, or pictures
+        self.of_hand = of_hand
+        self.hands = hands
+
+    def __len__(self) -> int:
+        return len(self.of_hand)
+
+    def __getitem__(self, row: int) -> Any:  # noqa: ANN401  # what the array or the pictures hold
+        return self.of_hand[row % self.hands]

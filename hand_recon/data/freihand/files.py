@@ -33,6 +33,24 @@ SUFFIXES: Final = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True)
+class NumberedPictures:
+    """Pictures named by their number."""
+
+    folder: Path
+    """Where they are."""
+    suffix: str
+    """How their names end."""
+    count: int
+    """How many there are, numbered from zero."""
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, number: int) -> Path:
+        return self.folder / f"{number:08d}{self.suffix}"
+
+
+@dataclass(frozen=True)
 class FreiHandPart:
     """One part of a FreiHAND folder, checked."""
 
@@ -59,9 +77,15 @@ class FreiHandPart:
     def __len__(self) -> int:
         return len(self.landmarks)
 
-    def image(self, index: int) -> Path:
-        """The file of an image."""
-        return self.rgb / f"{index:08d}{self.suffix}"
+    @property
+    def pictures(self) -> NumberedPictures:
+        """The files of all images."""
+        return NumberedPictures(self.rgb, self.suffix, len(self) * len(self.versions))
+
+    @property
+    def masks(self) -> NumberedPictures:
+        """Where the hand is white, one per hand, whatever its colouring; only training has them."""
+        return NumberedPictures(self.rgb.with_name("mask"), ".jpg", len(self))
 
     def projections(self) -> Float[np.ndarray, "hand landmark=21 2"]:
         """The 2D labels, which FreiHAND does not store: u = K x / z, pixels of the image."""
