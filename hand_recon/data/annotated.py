@@ -63,7 +63,8 @@ class AnnotatedHands:
 
     def __post_init__(self) -> None:
         for name, column in vars(self).items():
-            if isinstance(column, np.ndarray) and len(column) != len(self):
+            counted = isinstance(column, np.ndarray) or name == "pictures"
+            if counted and len(column) != len(self):
                 raise ValueError(
                     f"{self.name}: {len(column)} {name} for {len(self)} hands; expected one per hand."
                 )

@@ -36,7 +36,7 @@ class PictureHands(Dataset[HandSample]):
         rows: Int[np.ndarray, " row"] | None = None,
         recipe: PictureRecipe | None = None,
         *,
-        cached_rows: Int[np.ndarray, " row"] | None = None,
+        cached_rows: Int[np.ndarray, " cached"] | None = None,
     ) -> None:
         """Open, or make, the cache of crops if there is a folder for it.
 

@@ -132,5 +132,5 @@ def test_a_batch_of_right_hands_says_nothing_of_mirrors(tmp_path: Path) -> None:
 
 def test_columns_of_unequal_length_are_refused(tmp_path: Path) -> None:
     table = annotated(tmp_path)
-    with pytest.raises(ValueError, match="dots: 2 left for 3 hands"):
-        replace(table, left=np.array([True, False]))
+    with pytest.raises(ValueError, match="dots: 2 pictures for 3 hands"):
+        replace(table, pictures=[table.pictures[0], table.pictures[1]])
