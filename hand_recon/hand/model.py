@@ -111,7 +111,19 @@ class HandModel(nn.Module):
             joint_angles: Bend, splay and twist from the anatomical neutral, radians.
             shape: Coefficients of the shape directions, standard deviations.
         """
-        rotations = joint_rotations(joint_angles, self.frames, self.rest_angles)
+        return self.pose(joint_rotations(joint_angles, self.frames, self.rest_angles), shape)
+
+    def pose(
+        self,
+        rotations: Float[Tensor, "*batch joint=15 3 3"],
+        shape: Float[Tensor, "*batch direction=10"],
+    ) -> HandGeometry:
+        """Pose the hand in its own frame by rotation matrices, as MANO's own parameters give them.
+
+        Args:
+            rotations: Of each joint from the rest pose, relative to its parent, in the hand's own axes.
+            shape: Coefficients of the shape directions, standard deviations.
+        """
         vertices, joints = self.rest(shape)
         if self.pose_directions is not None:
             deviation = rotations - torch.eye(3, dtype=rotations.dtype, device=rotations.device)

@@ -6,7 +6,10 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
+from hand_recon.hand.anatomical_axes import ARCH, ORDER, axes_at_rest, trapezium_frame, unit
 from open_hand.source import SourceHand
+
+__all__ = ["ORDER", "SOURCE_ROW", "Skeleton", "build_skeleton", "fingertip", "tip_vertex", "unit"]
 
 MCP_SHIFT = {"index": 0.0130, "middle": 0.0115, "ring": 0.0125, "little": 0.0120}
 """How far proximal of the rig's the MCP centres lie, metres: about 2 cm proximal of the webs."""
@@ -23,22 +26,11 @@ THUMB_MCP_SHIFT = 0.0025
 DORSAL_DEPTH = {"MCP": 0.0098, "PIP": 0.0072, "DIP": 0.0057}
 """From the skin of the back to the centre of the condyles, metres, for the middle finger."""
 
-ARCH = {"index": 2.0, "middle": 0.0, "ring": -2.0, "little": -5.0}
-"""Tilt of each finger's back towards the thumb, degrees: the transverse arch of the MCP heads.
-
-Less than the bones' own arch: fingers bent together lie side by side without room to spare.
-"""
-
 METACARPAL_OFFSET = {"index": 0.006, "middle": -0.001, "ring": 0.006, "little": -0.006}
 """From the rig's metacarpal bases, which neighbours share, towards the thumb, metres."""
 
-TRAPEZIUM = (48.0, 38.0, 80.0)
-"""Flexion, abduction and pronation of the trapezium from the third metacarpal, degrees (Cooney 1981)."""
-
-ORDER = ("index", "middle", "little", "ring", "thumb")
-"""MANO's order of fingers; SOURCE_ROW says where each is in the source's own order."""
-
 SOURCE_ROW = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4}
+"""Where each finger is in the source's own order; ORDER is MANO's."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +53,6 @@ class Skeleton:
         return np.stack([self.joints[joint], end])
 
 
-def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """The vector at length one."""
-    return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
-
-
 def build_skeleton(source: SourceHand) -> Skeleton:
     """Place the rotation centres in the source mesh and give every joint its axes."""
     joints = np.zeros((16, 3))
@@ -75,7 +62,7 @@ def build_skeleton(source: SourceHand) -> Skeleton:
         place = _thumb_centres if finger == "thumb" else _finger_centres
         joints[1 + 3 * position : 4 + 3 * position] = place(source, mesh, finger)
         tips[position] = fingertip(source, finger)
-    frames, rest_angles = _axes(joints, tips)
+    frames, rest_angles = axes_at_rest(joints, tips)
     return Skeleton(joints, tips, frames, rest_angles)
 
 
@@ -146,64 +133,3 @@ def _thumb_centres(
         sideways = 0.0 if share > 0.44 else ((left + right) / 2 - centre) @ side
         centred.append(back + share * (palm - back) + sideways * side)
     return np.stack(centred)
-
-
-def trapezium_frame(proximal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Twist, splay and bend axes of the thumb's CMC at neutral, one per column.
-
-    The thumb's metacarpal in line with the trapezium, whose own axes stand 48° flexed, 38° abducted
-    and 80° pronated from the third metacarpal's (Cooney et al. 1981).
-
-    Args:
-        proximal: Along the third metacarpal, towards the wrist.
-    """
-    third = frame_along(proximal, np.array([0.0, 1.0, 0.0]))
-    flexion, abduction, pronation = np.radians(TRAPEZIUM)
-    local = rotation(1, abduction) @ rotation(2, flexion) @ rotation(0, pronation)
-    return np.asarray(third @ local)
-
-
-def frame_along(
-    proximal: Float[np.ndarray, " 3"], dorsal: Float[np.ndarray, " 3"]
-) -> Float[np.ndarray, "3 3"]:
-    """Right-handed axes in columns: towards the wrist, to the back, and what is left."""
-    x = unit(proximal)
-    y = unit(dorsal - dorsal @ x * x)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
-def rotation(axis: int, angle: float) -> Float[np.ndarray, "3 3"]:
-    """About a coordinate axis."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
-    turn[first, first] = turn[second, second] = np.cos(angle)
-    turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
-    return turn
-
-
-def _axes(
-    joints: Float[np.ndarray, "joint=16 3"], tips: Float[np.ndarray, "finger=5 3"]
-) -> tuple[Float[np.ndarray, "joint=15 3 3"], Float[np.ndarray, "joint=15 axis=3"]]:
-    frames, angles = np.zeros((15, 3, 3)), np.zeros((15, 3))
-    third = unit(joints[0] - joints[4])
-    for position, finger in enumerate(ORDER):
-        chain = np.vstack([joints[1 + 3 * position : 4 + 3 * position], tips[position]])
-        neutral = _root_neutral(finger, third)
-        for part in range(3):
-            joint = 3 * position + part
-            bone = unit(chain[part] - chain[part + 1])
-            local = neutral.T @ bone
-            # R_y(splay) R_z(bend) takes the first axis to (cos b cos s, sin b, −cos b sin s).
-            bend, splay = np.arcsin(local[1]), np.arctan2(-local[2], local[0])
-            frames[joint] = neutral @ rotation(1, splay) @ rotation(2, bend)
-            angles[joint] = bend, splay, 0.0
-            neutral = frames[joint]
-    return frames, angles
-
-
-def _root_neutral(finger: str, third: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Axes of the first segment at neutral: fingers parallel to the third metacarpal (AAOS)."""
-    if finger == "thumb":
-        return trapezium_frame(third)
-    tilt = np.radians(ARCH[finger])
-    return frame_along(third, np.array([0.0, np.cos(tilt), np.sin(tilt)]))

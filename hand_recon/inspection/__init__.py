@@ -1,0 +1,1 @@
+"""Looks at what a user has, before anything is trained on it: the machine, the files, the labels."""

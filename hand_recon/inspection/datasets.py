@@ -1,0 +1,158 @@
+"""Which datasets and MANO files are where they are looked for, and whether they are whole."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from hand_recon.hand.mano_store import file_name, read_file
+from hand_recon.inspection.finding import Finding
+
+FREIHAND: Final = {
+    "training": (130_240, "FreiHAND_pub_v2.zip"),
+    "evaluation": (3_960, "FreiHAND_pub_v2_eval.zip"),
+}
+"""Pictures of each part and the download that holds it."""
+
+HO3D: Final = {"v3": (83_325, 20_137), "v2": (66_034, 11_524)}
+"""Lines of `train.txt` and `evaluation.txt` by version."""
+
+DEXYCB_SUBJECTS: Final = 10
+"""Each with a hundred recordings."""
+
+DEPTH: Final = 3
+"""Folders below the one that is searched."""
+
+
+def look_at_mano(folder: Path) -> list[Finding]:
+    """Which of MANO's hands can be used, and which only wait to be converted.
+
+    Args:
+        folder: Where `hand_recon.prepare mano` writes.
+    """
+    findings = []
+    for side in ("right", "left"):
+        subject, path = f"MANO {side}", folder / file_name(side)
+        if path.is_file():
+            try:
+                read_file(path)
+            except ValueError as error:
+                findings.append(Finding(subject, "wrong", str(error)))
+            else:
+                findings.append(Finding(subject, "good", str(path)))
+            continue
+        pickles = sorted([*folder.rglob(f"MANO_{side.upper()}*.pkl"), *folder.glob("mano*.zip")])
+        if pickles:
+            cure = f"python -m hand_recon.prepare mano {pickles[0]}"
+            findings.append(Finding(subject, "absent", f"not converted yet: {pickles[0]}", cure))
+        else:
+            cure = (
+                "Not needed for hand=open. Else: python -m hand_recon.prepare mano <mano_v1_2.zip>"
+            )
+            findings.append(Finding(subject, "absent", f"not in {folder}", cure))
+    return findings
+
+
+def look_at_datasets(folder: Path) -> list[Finding]:
+    """The known datasets below a folder, with what they have of what they should.
+
+    Args:
+        folder: Searched `DEPTH` levels deep; links are followed.
+    """
+    findings: list[Finding] = []
+    for root in _folders(folder, DEPTH):
+        for recognise in (_freihand, _ho3d, _dexycb):
+            findings += recognise(root)
+    named = {finding.subject.split()[0] for finding in findings}
+    for name in ("FreiHAND", "DexYCB", "HO3D"):
+        if name not in named:
+            findings.append(
+                Finding(name, "absent", f"not below {folder}", "data/README.md says where from.")
+            )
+    return findings
+
+
+def _folders(folder: Path, depth: int) -> Iterator[Path]:
+    """A folder and those below it, as long as they are no dataset's insides."""
+    if not folder.is_dir():
+        return
+    yield folder
+    inside = any(
+        (folder / name).exists() for name in ("training_xyz.json", "train.txt", "calibration")
+    )
+    if depth and not inside:
+        with os.scandir(folder) as entries:
+            below = sorted(Path(entry.path) for entry in entries if entry.is_dir())
+        for path in below:
+            yield from _folders(path, depth - 1)
+
+
+def _freihand(root: Path) -> list[Finding]:
+    findings = []
+    for part, (expected, archive) in FREIHAND.items():
+        if not (root / f"{part}_xyz.json").is_file():
+            continue
+        pictures = root / part / "rgb"
+        if not pictures.is_dir() and part == "evaluation":
+            # The first archive has the evaluation's pictures, the second one its annotations.
+            pictures = root.with_name(root.name.removesuffix("_eval")) / part / "rgb"
+        count = _count(pictures, (".jpg", ".png"))
+        lists = [
+            name
+            for name in ("K", "xyz", "scale", "verts")
+            if (root / f"{part}_{name}.json").is_file()
+        ]
+        found = f"{count:,} of {expected:,} pictures, lists {' '.join(lists)}; {root}"
+        if count in (expected, expected // 4 if part == "training" else expected):
+            data = root if part == "training" else pictures.parents[1]
+            cure = f"python -m hand_recon.prepare check data=freihand data.root={data}"
+            findings.append(Finding(f"FreiHAND {part}", "good", found, cure))
+        else:
+            cure = f"A set of your own, or unpack {archive} again."
+            findings.append(Finding(f"FreiHAND {part}", "wrong", found, cure))
+    return findings
+
+
+def _ho3d(root: Path) -> list[Finding]:
+    if not all((root / name).is_file() for name in ("train.txt", "evaluation.txt")):
+        return []
+    lines = tuple(_lines(root / name) for name in ("train.txt", "evaluation.txt"))
+    version = "v2" if lines == HO3D["v2"] or "v2" in root.name.lower() else "v3"
+    truth = "with" if (root / "evaluation_xyz.json").is_file() else "without"
+    expected = HO3D[version]
+    found = (
+        f"{version}: {lines[0]:,} of {expected[0]:,} training and {lines[1]:,} of {expected[1]:,} evaluation "
+        f"frames, {truth} evaluation_xyz.json; {root}"
+    )
+    cure = f"python -m hand_recon.prepare check data=ho3d data.root={root} data.version={version}"
+    if lines == expected:
+        return [Finding("HO3D", "good", found, cure)]
+    return [Finding("HO3D", "wrong", found, "A set of your own, or unpack its archives again.")]
+
+
+def _dexycb(root: Path) -> list[Finding]:
+    subjects = [path for path in root.glob("*-subject-*") if path.is_dir()]
+    if not subjects or not (root / "calibration").is_dir():
+        return []
+    recordings = [sum(entry.is_dir() for entry in subject.iterdir()) for subject in subjects]
+    found = (
+        f"{len(subjects)} of {DEXYCB_SUBJECTS} subjects, {sum(recordings):,} of {100 * DEXYCB_SUBJECTS:,} "
+        f"recordings; {root}"
+    )
+    if len(subjects) == DEXYCB_SUBJECTS and set(recordings) == {100}:
+        cure = f"python -m hand_recon.prepare check data=dexycb data.root={root}"
+        return [Finding("DexYCB", "good", found, cure)]
+    return [
+        Finding("DexYCB", "wrong", found, "Unpack the missing archives; each subject has its own.")
+    ]
+
+
+def _count(folder: Path, endings: tuple[str, ...]) -> int:
+    if not folder.is_dir():
+        return 0
+    with os.scandir(folder) as entries:
+        return sum(entry.name.lower().endswith(endings) for entry in entries)
+
+
+def _lines(path: Path) -> int:
+    return sum(bool(line.strip()) for line in path.read_text(encoding="utf-8").splitlines())
