@@ -1,9 +1,11 @@
-"""Score a checkpoint on its own test hands, or on another dataset's (Sec. 4.1).
+"""Score a checkpoint on its own test hands or on another dataset's, or a file of predictions (Sec. 4.1).
 
 python -m hand_recon.evaluate ckpt=outputs/train/<time>
 python -m hand_recon.evaluate ckpt=… data=freihand data.root=/path/to/FreiHAND_pub_v2
+python -m hand_recon.evaluate predictions=pred.json protocol=freihand ground_truth=/path/to/folder
 """
 
+from pathlib import Path
 from typing import Any
 
 import hydra
@@ -19,26 +21,31 @@ from hand_recon.configuration import (
     set_threads,
     use_cache,
 )
+from hand_recon.evaluation.protocols import PROTOCOLS, protocol_named
 from hand_recon.progress import quiet_libraries
 from hand_recon.results import Run, finish_run
+from hand_recon.score_predictions import Request, score_predictions
 
 
 def evaluate(config: DictConfig) -> dict[str, Any]:
-    """Score a checkpoint.
+    """Score a checkpoint, or a file of predictions.
 
     Args:
         config: `conf/evaluate.yaml` composed.
 
     Returns:
-        What `metrics.json` holds.
+        What `metrics.json` holds; of predictions, what `scores.json` holds.
 
     Raises:
-        ValueError: No checkpoint was given.
+        ValueError: Neither checkpoint nor predictions were given, or both.
     """
+    if config.predictions is not None:
+        return _score_file(config)
+    _refuse_stray(config)
     if OmegaConf.is_missing(config, "ckpt"):
         raise ValueError(
             "Which checkpoint? Give ckpt=<file or folder of a run>, "
-            "for example ckpt=outputs/train/<time>."
+            "for example ckpt=outputs/train/<time>; or predictions=<file> with protocol and ground_truth."
         )
     quiet_libraries()
     set_threads(config.threads)
@@ -59,6 +66,35 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     data = build_data(trained)
     check_input(loaded.module, data)
     return finish_run(Run(trained, folder, loaded.module, data, mean, facts))
+
+
+def _score_file(config: DictConfig) -> dict[str, Any]:
+    """Score a file of predictions as its benchmark would."""
+    if not OmegaConf.is_missing(config, "ckpt"):
+        raise ValueError(
+            "Give ckpt=<run> or predictions=<file>, and not both: which is to be scored?"
+        )
+    if config.protocol is None or config.ground_truth is None:
+        raise ValueError(
+            "Predictions need protocol=<name> and ground_truth=<folder with evaluation_xyz.json>; "
+            f"protocols are {', '.join(PROTOCOLS)}."
+        )
+    set_threads(config.threads)
+    protocol = protocol_named(config.protocol)
+    folder = claim_folder(config.paths.run)
+    wanted = () if config.output is None else (Path(config.output),)
+    outputs = (*wanted, folder / "scores.json")
+    paths = Path(config.predictions), Path(config.ground_truth)
+    return score_predictions(Request(paths[0], protocol, paths[1], outputs))
+
+
+def _refuse_stray(config: DictConfig) -> None:
+    """Settings that would be ignored without predictions."""
+    stray = [name for name in ("protocol", "ground_truth", "output") if config[name] is not None]
+    if stray:
+        raise ValueError(
+            f"{', '.join(f'{name}=' for name in stray)} is of predictions=<file>, which was not given."
+        )
 
 
 @hydra.main(version_base="1.3", config_path=CONF, config_name="evaluate")

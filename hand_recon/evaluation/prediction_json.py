@@ -1,0 +1,252 @@
+"""Reads `[landmarks of every frame, vertices of every frame]` without making Python objects of it.
+
+HO3D's 20,137 frames of 778 vertices are 47 million numbers: a gigabyte of text, and ten times that as
+lists. Here the text streams through and only arrays stay.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from io import BufferedIOBase
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHUNK: Final = 1 << 24
+"""Bytes of text that are turned into numbers at a time."""
+
+HEAD: Final = 1 << 20
+"""Bytes in which the first frame must end: 778 points take less than a tenth of it."""
+
+_SPACE: Final = b" \t\r\n"
+_END_OF_FRAME: Final = re.compile(rb"\]\s*\]")
+_END_OF_LIST: Final = re.compile(rb"\]\s*\]\s*\]")
+_WORD: Final = re.compile(rb"\"[^\"]{0,20}\"?|[A-Za-z_]{2,}|[^\w\s,.+\-\[\]]+")
+_NUMBERS_BY_NAME: Final = (b"NaN", b"Infinity")
+
+FORM: Final = (
+    "Expected is a JSON list of two lists, [xyz, verts]: for every frame 21 points of three numbers, "
+    "then for every frame the mesh's points of three numbers."
+)
+"""What a file of predictions should be."""
+
+
+@dataclass(frozen=True)
+class PointLists:
+    """The contents of such a file, in its own order, axes and unit."""
+
+    landmarks: NDArray[np.float64]
+    """Frames × 21 × 3."""
+    vertices: NDArray[np.float32] | None
+    """Frames × any number × 3; absent where the second list is, or has no points."""
+    nested: bool
+    """Whether there was a list around the list of landmarks, as there should be."""
+
+
+def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:
+    """Read landmarks and, where they follow, vertices.
+
+    Args:
+        stream: The JSON text, such as an open file or a member of an archive.
+        name: What to call it in messages.
+
+    Raises:
+        ValueError: It is something else; the message says what was found and what to do.
+    """
+    try:
+        head = stream.read(HEAD).lstrip(_SPACE)
+        nested = _check_head(head)
+        first, rest = _first_list(head, stream)
+        landmarks = _landmarks(first, opening=2 if nested else 1)
+        if not nested:
+            _expect_the_end(rest + stream.read(), b"")
+            return PointLists(landmarks, None, nested)
+        return PointLists(landmarks, _vertices(rest, stream, len(landmarks)), nested)
+    except ValueError as error:
+        raise ValueError(f"{name} is no file of predictions: {error} {FORM}") from error
+
+
+def read_point_list(stream: BufferedIOBase, name: str) -> NDArray[np.float32]:
+    """One JSON list of frames of as many points each, in single precision: frames × points × 3.
+
+    Raises:
+        ValueError: It is something else, or is cut off.
+    """
+    try:
+        text = stream.read(HEAD).lstrip(_SPACE)
+        if _depth(text) != 3:
+            raise ValueError("it does not begin as a list of frames of points.")
+        numbers, brackets = _numbers(text, stream)
+        return _as_frames(numbers, brackets, surplus=0)
+    except ValueError as error:
+        raise ValueError(
+            f"{name} is no list of frames of points: {error} Expected is a JSON list that has for every "
+            "frame a list of points of three numbers; unpack it again, or mend what wrote it."
+        ) from error
+
+
+def _depth(text: bytes) -> int:
+    """How many brackets the text opens before its first number."""
+    match = re.match(rb"[\[\s]*", text)
+    return 0 if match is None else match.group().count(b"[")
+
+
+def _check_head(head: bytes) -> bool:
+    """Whether the landmarks are in a list of their own, once the first frame is what it should be."""
+    if not head:
+        raise ValueError("it is empty.")
+    if head.startswith(b"{"):
+        raise ValueError(
+            "it holds a dictionary; write its lists of landmarks and vertices as one list."
+        )
+    if not head.startswith(b"["):
+        raise ValueError(f"it begins with {head[:12]!r}, which is no JSON list.")
+    depth = _depth(head)
+    if re.match(rb"[\[\s]*\{", head):
+        raise ValueError("it is a list of dictionaries; write plain lists in the frames' order.")
+    _refuse_aliens(head)
+    if depth not in (3, 4):
+        raise ValueError(
+            f"its first number is {depth} lists deep and not four; "
+            "a frame must be a list of points, and a point a list of three numbers."
+        )
+    end = _END_OF_FRAME.search(head)
+    if end is None:
+        raise ValueError("it is cut off within the first frame, or that frame never ends.")
+    start = re.match(rb"[\[\s]*", head)
+    opened = 0 if start is None else start.end()
+    first = json.loads(b"[[" + head[opened : end.end()])
+    _check_first_frame([len(point) for point in first])
+    return depth == 4
+
+
+def _check_first_frame(lengths: list[int]) -> None:
+    if set(lengths) != {3}:
+        raise ValueError(
+            f"a point of the first frame has {max(set(lengths) - {3}, default=0)} numbers and not 3; "
+            "confidences and image coordinates do not belong here."
+        )
+    count = len(lengths)
+    if count == 21:
+        return
+    advice = {
+        42: "those of one hand only are scored: write the 21 of the annotated hand.",
+        20: "one is missing, most likely the wrist.",
+        16: "MANO's joints are without fingertips: add the five tips.",
+    }.get(count, "check what wrote them.")
+    if count > 42:
+        advice = "this seems to be the mesh: write the landmarks first and the vertices second."
+    raise ValueError(f"the first frame has {count} points and not 21; {advice}")
+
+
+def _refuse_aliens(text: bytes) -> None:
+    words = (word.group() for word in _WORD.finditer(text))
+    alien = next((word for word in words if word not in _NUMBERS_BY_NAME), None)
+    if alien is None:
+        return
+    found = alien[:24].decode("ascii", "replace")
+    advice = "numbers must not be in quotes." if found.startswith('"') else "it is no number."
+    raise ValueError(f"it contains {found!r}: {advice}")
+
+
+def _first_list(head: bytes, stream: BufferedIOBase) -> tuple[bytes, bytes]:
+    """The text up to where the first list of frames ends, and what was read beyond it."""
+    text = bytearray(head)
+    searched = 0
+    while (end := _END_OF_LIST.search(text, searched)) is None:
+        searched = max(0, len(text) - 64)
+        chunk = stream.read(CHUNK)
+        if not chunk:
+            raise ValueError("it is cut off within the landmarks; write or copy it again.")
+        text += chunk
+    return bytes(text[: end.end()]), bytes(text[end.end() :])
+
+
+def _landmarks(text: bytes, opening: int) -> NDArray[np.float64]:
+    numbers = _to_numbers(text.translate(None, b"[]" + _SPACE))
+    frames, left_over = divmod(len(numbers), 63)
+    # One bracket opens for each frame, and one for each of its points.
+    if left_over or text.count(b"[") != opening + 22 * frames:
+        raise ValueError(
+            f"the landmarks are {len(numbers)} numbers, which are not 21 points of three for every frame; "
+            "some frame has other points than the first."
+        )
+    return numbers.reshape(frames, 21, 3)
+
+
+def _vertices(rest: bytes, stream: BufferedIOBase, frames: int) -> NDArray[np.float32] | None:
+    rest = _with_more(rest, stream)
+    if rest.startswith(b"]"):
+        _expect_the_end(rest[1:] + stream.read(), b"")
+        return None
+    if not rest.startswith(b","):
+        raise ValueError("the landmarks are not followed by the vertices; it is cut off.")
+    numbers, brackets = _numbers(rest[1:], stream)
+    if len(numbers) == 0:
+        if brackets[1] != brackets[0] + 1:
+            raise ValueError("it is cut off within the vertices; write or copy it again.")
+        return None
+    vertices = _as_frames(numbers, brackets, surplus=1)
+    if len(vertices) != frames:
+        raise ValueError(
+            f"it has {frames} frames of landmarks and {len(vertices)} frames of vertices."
+        )
+    return vertices
+
+
+def _with_more(rest: bytes, stream: BufferedIOBase) -> bytes:
+    return (rest + stream.read(HEAD)).lstrip(_SPACE)
+
+
+def _expect_the_end(rest: bytes, expected: bytes) -> None:
+    if rest.strip(_SPACE) != expected:
+        raise ValueError(f"after its end follows {rest.strip(_SPACE)[:20]!r}.")
+
+
+def _as_frames(
+    numbers: NDArray[np.float32], brackets: tuple[int, int], surplus: int
+) -> NDArray[np.float32]:
+    """Frames of equal numbers of points; `surplus` lists were opened before."""
+    if brackets[1] != brackets[0] + surplus:
+        raise ValueError("its brackets do not match: it is cut off; write or copy it again.")
+    points, left_over = divmod(len(numbers), 3)
+    # What is opened: the list, its frames and their points.
+    frames = brackets[0] - 1 - points
+    if left_over or frames < 1 or points % frames:
+        raise ValueError(
+            f"{len(numbers)} numbers in {brackets[0]} lists are no frames of equally many points."
+        )
+    return numbers.reshape(frames, points // frames, 3)
+
+
+def _numbers(text: bytes, stream: BufferedIOBase) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """All numbers from here to the end in single precision, and how many brackets open and close."""
+    parts: list[NDArray[np.float32]] = []
+    opened = closed = 0
+    rest = b""
+    while text:
+        opened += text.count(b"[")
+        closed += text.count(b"]")
+        # Only commas and numbers are left: the last comma ends a whole number.
+        complete, _, rest = (rest + text.translate(None, b"[]" + _SPACE)).rpartition(b",")
+        if complete:
+            parts.append(_to_numbers(complete).astype(np.float32))
+        text = stream.read(CHUNK)
+    if rest:
+        parts.append(_to_numbers(rest).astype(np.float32))
+    return np.concatenate([np.empty(0, dtype=np.float32), *parts]), (opened, closed)
+
+
+def _to_numbers(text: bytes) -> NDArray[np.float64]:
+    # Frames without points leave commas without numbers.
+    if not text.strip(b","):
+        return np.empty(0)
+    try:
+        numbers = np.fromstring(text.decode("ascii"), sep=",", dtype=np.float64)
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != text.count(b",") + 1:
+        _refuse_aliens(text)
+        raise ValueError("something in it is not a number, or a comma stands alone.")
+    return numbers
