@@ -1,4 +1,4 @@
-"""The paper's Table 1 beside ours, from the runs that there are (Sec. 4.2).
+"""The paper's tables beside ours, from the runs that there are (Sec. 4.2, 4.3, 5).
 
 python -m hand_recon.report
 python -m hand_recon.report runs=outputs/sweeps/<time>
@@ -11,6 +11,7 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig
 
+from hand_recon.comparison.beside import beside
 from hand_recon.comparison.collection import collect
 from hand_recon.comparison.documents import Comparison, write_documents
 from hand_recon.comparison.intervals import Bootstrap
@@ -29,7 +30,8 @@ def report(config: DictConfig) -> dict[str, Any]:
         config: `conf/report.yaml` composed.
 
     Returns:
-        The files that were written, the number of runs per study, and what was left out and why.
+        The files that were written, the number of runs per study, which of Tables 2 and 3 there are, and
+        what was left out and why.
 
     Raises:
         FileNotFoundError: What `runs` names does not exist.
@@ -41,13 +43,14 @@ def report(config: DictConfig) -> dict[str, Any]:
     logger.info("Runs are taken from %s", ", ".join(found.places))
     bootstrap = Bootstrap(config.bootstrap.resamples, config.bootstrap.seed)
     summaries = tuple(summarise(study, bootstrap) for study in found.studies)
-    comparison = Comparison(summaries, found.left_out)
+    comparison = Comparison(summaries, found.left_out, beside(found.studies))
     files = write_documents(comparison, Path(config.output).absolute())
     show(comparison)
     logger.info("Open %s", files[0])
     return {
         "files": [str(path) for path in files],
         "runs": [len(study.runs) for study in found.studies],
+        "tables": [one.table.title for one in comparison.beside],
         "left_out": {str(one.folder): one.reason for one in found.left_out},
     }
 

@@ -12,6 +12,7 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 
 from hand_recon.camera import REFERENCE_SIZE
+from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.knowledge.prior import Prior
 from hand_recon.reconstructor import Reconstructor
@@ -23,6 +24,9 @@ logger = logging.getLogger(__name__)
 
 STAGE_LEFT: Final = 1e6
 """What a stage that is still to come adds to the number by which the best checkpoint is chosen."""
+
+REAL_HANDS: Final = 50_000
+"""At most so many hands are shown to a prior that learns from 3D: 11 MB, and more than FreiHAND has."""
 
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[..., torch.optim.lr_scheduler.LRScheduler]
@@ -112,6 +116,28 @@ class HandReconstruction(lightning.LightningModule):
             f"weighted/{name}": value for name, value in weighted.items()
         }
 
+    def on_fit_start(self) -> None:
+        """Show real hands to a prior that learns from them (Table 3a).
+
+        Raises:
+            ValueError: The data do not know any hand's pose and shape.
+        """
+        adversary = self.prior.adversary
+        if adversary is None:
+            return
+        datamodule: HandDataModule | None = getattr(self.trainer, "datamodule", None)
+        source = adversary.source or datamodule
+        real = None if source is None else source.train_parameters(REAL_HANDS)
+        if real is None:
+            raise ValueError(
+                f"prior=adversarial learns from the pose and shape of real hands in 3D, and "
+                f"{'there is no datamodule' if source is None else f'{source.name} has none'}. Use data that "
+                "know them, such as synthetic hands or FreiHAND; name other data whose hands are the real "
+                "ones as prior.adversary.real (conf/experiment/table3a_adversarial.yaml does); or use "
+                "prior=full, which needs no 3D."
+            )
+        adversary.meet(real)
+
     def training_step(self, batch: HandBatch, batch_index: int) -> Tensor:
         """One step of Sec. 3.4.
 
@@ -123,10 +149,19 @@ class HandReconstruction(lightning.LightningModule):
             self._start_sigma_at_the_residual(prediction)
             prediction = self(batch)
         self.data_term.observe(reference_residual(batch, prediction), batch.labelled)
-        losses = self.losses(batch, prediction)
+        # Before it judges: between a judgement and its gradient, the judge's weights may not change.
+        learnt = self._train_adversary(prediction)
+        losses = self.losses(batch, prediction) | learnt
         self._refuse_non_finite(losses, batch)
         self._log("train", losses, len(batch))
         return losses["loss"]
+
+    def _train_adversary(self, prediction: HandPrediction) -> dict[str, Tensor]:
+        """A step of the discriminator, where there is one."""
+        if self.prior.adversary is None:
+            return {}
+        with torch.autocast(self.device.type, enabled=False):
+            return {"discriminator": self.prior.adversary.learn(prediction.parameters)}
 
     def _stage_begins(self) -> bool:
         """Whether the data term goes to its second stage with this step (Sec. 4.1: MSE, then NLL)."""
@@ -157,6 +192,8 @@ class HandReconstruction(lightning.LightningModule):
         # Losses of two stages do not compare; any checkpoint of the last is taken before one of the first.
         stages_left = self.data_term.stages - 1 - self.data_term.stage
         losses["selection"] = losses["loss"] + STAGE_LEFT * stages_left
+        # Nor do those of two epochs of a discriminator, which has become another judge.
+        losses["selection"] = losses["selection"] - losses.get("weighted/adversarial", 0.0)
         self._log("val", losses, len(batch))
         self.validation.update(batch, prediction)
 
@@ -180,7 +217,9 @@ class HandReconstruction(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """The injected optimizer, and the schedule stepped every batch."""
-        optimizer = self.optimizer(self.parameters())
+        # A discriminator's weights are frozen but in its own step, which is not this optimizer's.
+        learning = (parameter for parameter in self.parameters() if parameter.requires_grad)
+        optimizer = self.optimizer(learning)
         if self.scheduler is None:
             return optimizer
         total = int(self.trainer.estimated_stepping_batches)

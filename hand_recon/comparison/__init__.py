@@ -1,1 +1,1 @@
-"""Runs side by side: the paper's Table 1 beside ours, over seeds and with intervals."""
+"""Runs side by side: the paper's tables beside ours, over seeds and with intervals."""

@@ -1,7 +1,7 @@
 """What a comparison leaves behind: Markdown, a page that opens offline, CSV, and one chart per study."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -9,17 +9,21 @@ from typing import Final
 
 import jinja2
 
+from hand_recon.comparison.beside import Beside, csv_rows_beside, notes_beside, text_table
 from hand_recon.comparison.chart import draw_chart
 from hand_recon.comparison.runs import LeftOut
 from hand_recon.comparison.summary import Summary
 from hand_recon.comparison.tables import TextTable, csv_rows, describe, notes, text_tables
 from hand_recon.visualization.report import embedded
 
-TITLE: Final = "Table 1 beside ours"
+TITLE: Final = "The paper's tables beside ours"
 """Of the documents."""
 
 NAMES: Final = ("table1.md", "table1.html", "table1.csv")
-"""What is always written; charts are `table1.png`, `table1_study2.png` and so on."""
+"""Always written, the first two with all tables; charts are `table1.png`, `table1_study2.png` and so on."""
+
+CSV_2_3: Final = "tables2_3.csv"
+"""Written where there is a run for Table 2 or 3."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Comparison:
     """One per study."""
     left_out: tuple[LeftOut, ...]
     """Runs that are in no table."""
+    beside: tuple[Beside, ...] = ()
+    """Tables 2 and 3, as far as there are runs for them."""
 
     def __post_init__(self) -> None:
         if not self.summaries:
@@ -59,7 +65,7 @@ def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
     Raises:
         FileExistsError: The folder holds a report.
     """
-    taken = [name for name in NAMES if (folder / name).exists()]
+    taken = [name for name in (*NAMES, CSV_2_3) if (folder / name).exists()]
     if taken:
         raise FileExistsError(
             f"{folder} already holds {taken[0]}, and nothing is overwritten. Leave `output` to its "
@@ -73,8 +79,12 @@ def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
     markdown_file, page_file, csv_file = (folder / name for name in NAMES)
     markdown_file.write_text(markdown(comparison, charts), encoding="utf-8")
     page_file.write_text(_page(comparison, charts), encoding="utf-8")
-    _write_csv(comparison, csv_file)
-    return [page_file, markdown_file, csv_file, *(chart for chart in charts if chart)]
+    _write_csv(csv_rows(comparison.summaries), csv_file)
+    files = [page_file, markdown_file, csv_file, *(chart for chart in charts if chart)]
+    if comparison.beside:
+        files.append(folder / CSV_2_3)
+        _write_csv(csv_rows_beside(comparison.beside), files[-1])
+    return files
 
 
 def markdown(comparison: Comparison, charts: Sequence[Path | None] = ()) -> str:
@@ -87,6 +97,8 @@ def markdown(comparison: Comparison, charts: Sequence[Path | None] = ()) -> str:
         if position < len(charts) and (chart := charts[position]) is not None:
             blocks.append(f"![E_J of every row]({chart.name})")
         blocks += notes(summary)
+    for one in comparison.beside:
+        blocks += [f"## {one.table.title}", _markdown_table(text_table(one)), *notes_beside(one)]
     if comparison.left_out:
         lines = [f"- {one.folder}: {one.reason}" for one in comparison.left_out]
         blocks += ["## Left out", "\n".join(lines)]
@@ -127,12 +139,14 @@ def _page(comparison: Comparison, charts: Sequence[Path | None]) -> str:
         )
     ]
     return environment.from_string(template.read_text(encoding="utf-8")).render(
-        title=TITLE, sections=sections, left_out=comparison.left_out
+        title=TITLE,
+        sections=sections,
+        beside=[(text_table(one), notes_beside(one)) for one in comparison.beside],
+        left_out=comparison.left_out,
     )
 
 
-def _write_csv(comparison: Comparison, target: Path) -> None:
-    lines = csv_rows(comparison.summaries)
+def _write_csv(lines: Sequence[Mapping[str, object]], target: Path) -> None:
     with target.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, fieldnames=list(lines[0]))
         writer.writeheader()

@@ -75,9 +75,22 @@ def is_papers(method: Mapping[str, str], row: PaperRow) -> tuple[bool, bool]:
         method: Settings by dotted name, as text.
         row: To compare with.
     """
+    return knowledge_of(method) == row.knowledge, _is_plain(method)
+
+
+def has_papers_likelihood(method: Mapping[str, str]) -> bool:
+    """Whether a method's data term is the NLL of Sec. 3.3, from the start or after the squared error.
+
+    Args:
+        method: Settings by dotted name, as text.
+    """
+    return LIKELIHOOD in _data_terms(method) and _is_plain(method)
+
+
+def _is_plain(method: Mapping[str, str]) -> bool:
     plain = all(term in ("SquaredError", "Staged", LIKELIHOOD) for term in _data_terms(method))
     weighted = any(_positive(value) for name, value in method.items() if name.endswith(".beta"))
-    return knowledge_of(method) == row.knowledge, plain and not weighted
+    return plain and not weighted
 
 
 def _data_terms(method: Mapping[str, str]) -> list[str]:

@@ -48,7 +48,7 @@ class TextTable:
 def text_tables(summary: Summary) -> tuple[TextTable, ...]:
     """What is shown of one study; tables of which nothing is known are left out."""
     tables = (_table_1(summary), _further(summary), _intervals(summary))
-    return tuple(table for table in tables if table.rows)
+    return tuple(table for table in tables if table.rows and len(table.columns) > 1)
 
 
 def describe(study: Study) -> str:
@@ -71,12 +71,16 @@ def describe(study: Study) -> str:
 def notes(summary: Summary) -> list[str]:
     """What must be said below the tables."""
     study = summary.study
-    said = [
-        f"The paper's numbers are on {CONDITIONS}; ours are on what was run: {describe(study)}. "
-        "Compare the steps from row to row, not the values.",
+    said = []
+    if _has_table_1(summary):
+        said.append(
+            f"The paper's numbers are on {CONDITIONS}; ours are on what was run: {describe(study)}. "
+            "Compare the steps from row to row, not the values."
+        )
+    said.append(
         "± is the standard deviation over seeds. A change is ours, from the row above. The mean pose is one "
-        "constant hand for every picture.",
-    ]
+        "constant hand for every picture."
+    )
     if summary.ratios:
         said.append(f"E_J falls {'; '.join(_ratio_texts(summary))}.")
     if "E_J" in summary.mean_pose:
@@ -124,6 +128,8 @@ def _table_1(summary: Summary) -> TextTable:
     columns = ["row", *KNOWLEDGE]
     for name in COMPARED:
         columns += [f"{name} paper", f"{name} ours, {UNITS[name]}", "change"]
+    # Where no row was run, the paper's five would stand beside runs that have nothing to do with them.
+    table = summary.table if _has_table_1(summary) else ()
     rows = [
         (
             row.label,
@@ -131,13 +137,18 @@ def _table_1(summary: Summary) -> TextTable:
             *(cell for name in COMPARED for cell in _compared_cells(name, row)),
             str(len(row.seeds)) if row.seeds else ABSENT,
         )
-        for row in (*summary.table, *summary.others)
+        for row in (*table, *summary.others)
     ]
     if summary.mean_pose:
         row = _mean_pose_row(summary)
         cells = [cell for name in COMPARED for cell in _compared_cells(name, row)]
         rows.append((row.label, *[""] * len(KNOWLEDGE), *cells, ""))
-    return TextTable("Table 1", (*columns, "seeds"), tuple(rows))
+    title = "Table 1" if table else "Experiments that Table 1 does not have"
+    return TextTable(title, (*columns, "seeds"), tuple(rows))
+
+
+def _has_table_1(summary: Summary) -> bool:
+    return any(row.seeds for row in summary.table)
 
 
 def _further(summary: Summary) -> TextTable:

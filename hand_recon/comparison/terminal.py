@@ -5,6 +5,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
+from hand_recon.comparison.beside import notes_beside, text_table
 from hand_recon.comparison.documents import Comparison, markdown
 from hand_recon.comparison.tables import TextTable, notes, text_tables
 
@@ -20,12 +21,17 @@ def show(comparison: Comparison, *, rich: bool | None = None) -> None:
         sys.stdout.write(markdown(comparison))
         return
     console = Console()
-    for heading, summary in zip(comparison.headings, comparison.summaries, strict=True):
+    shown = [
+        (heading, text_tables(summary), notes(summary))
+        for heading, summary in zip(comparison.headings, comparison.summaries, strict=True)
+    ]
+    shown += [(one.table.title, (text_table(one),), notes_beside(one)) for one in comparison.beside]
+    for heading, tables, said in shown:
         console.rule(f"[bold]{heading}")
-        for table in text_tables(summary):
+        for table in tables:
             for part in narrowed(table, console.width):
                 console.print(_drawn(part))
-        for note in notes(summary):
+        for note in said:
             console.print(note, style="dim", markup=False)
     for one in comparison.left_out:
         console.print(f"Left out: {one.folder}: {one.reason}", style="yellow", markup=False)

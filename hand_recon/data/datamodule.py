@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Sampler
 
 from hand_recon.data.augment import Augmentation, to_float
-from hand_recon.schema import HandBatch, HandSample, collate
+from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
 
 logger = logging.getLogger(__name__)
 
@@ -182,6 +182,18 @@ class HandDataModule(lightning.LightningDataModule):
         if batch.landmarks_3d is None:
             return None
         return batch.landmarks_3d, batch.vertices
+
+    def train_parameters(self, limit: int | None = None) -> HandParameters | None:
+        """Pose and shape of the training hands, for priors that are learnt from 3D: no other ever asks.
+
+        Args:
+            limit: At most so many hands, spread evenly over the set.
+
+        Returns:
+            None where the dataset does not know them.
+        """
+        del limit
+        return None
 
     def ground_truth_dataset(self) -> HandDataset:
         """The training set, with vertices where they cost nothing to read."""

@@ -3,9 +3,12 @@
 from functools import partial
 from pathlib import Path
 
+import torch
+
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.datamodule import HandDataModule, HandDataset
 from hand_recon.data.synthetic.dataset import SyntheticHands
+from hand_recon.schema import HandParameters
 
 
 class SyntheticDataModule(HandDataModule):
@@ -76,3 +79,9 @@ class SyntheticDataModule(HandDataModule):
     def ground_truth_dataset(self) -> HandDataset:
         """The training pictures, with their surfaces."""
         return self._split(split="train", size=self._train_size, with_vertices=True)
+
+    def train_parameters(self, limit: int | None = None) -> HandParameters:
+        """What made the training pictures."""
+        hands = self._split(split="train", size=self._train_size)
+        count = min(limit or len(hands), len(hands))
+        return hands.parameters(torch.arange(count) * len(hands) // count)

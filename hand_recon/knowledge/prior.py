@@ -5,6 +5,7 @@ from torch import Tensor, nn
 
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import AXES
+from hand_recon.knowledge.adversarial import Adversary
 from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.physics import NonPenetration
@@ -32,6 +33,9 @@ class Prior(nn.Module):
         shape: λ₃, per standard deviation.
         pose_components: Weight of the squared distance to the mean pose in the space of a PCA of poses: a
             peer's prior that needs 3D data, to compare with.
+        adversarial: Weight of what a discriminator says that is trained on 3D data: the prior that
+            Table 3 (a) compares with …
+        adversary: … and that discriminator.
     """
 
     lower: Tensor
@@ -51,6 +55,8 @@ class Prior(nn.Module):
         geodesic: float = 0.02,
         shape: float = 10.0,
         pose_components: float = 0.0,
+        adversarial: float = 0.0,
+        adversary: Adversary | None = None,
     ) -> None:
         super().__init__()
         self.register_buffer("lower", ranges.lower.clone(), persistent=False)
@@ -65,11 +71,13 @@ class Prior(nn.Module):
             else None
         )
         self.components = PoseComponents() if pose_components else None
+        self.adversary = (adversary or Adversary()) if adversarial else None
         self.weights = {
             "range_of_motion": range_of_motion,
             "non_penetration": non_penetration,
             "shape": shape,
             "pose_components": pose_components,
+            "adversarial": adversarial,
         }
 
     @property
@@ -99,6 +107,8 @@ class Prior(nn.Module):
             terms["shape"] = shape_loss(parameters.shape)
         if self.components is not None:
             terms["pose_components"] = self.components(parameters.joint_angles)
+        if self.adversary is not None:
+            terms["adversarial"] = self.adversary(parameters)
         return terms
 
     def weighted(self, terms: dict[str, Tensor]) -> dict[str, Tensor]:
