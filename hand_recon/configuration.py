@@ -26,18 +26,27 @@ from hand_recon.uncertainty import DataTerm
 CONF: Final = str(Path(__file__).resolve().parents[1] / "conf")
 """Absolute, because Hydra would look for a package of that name when a console script starts it."""
 
+MANO_HAND: Final = "hand_recon.hand.mano.mano_hand"
+"""What makes the hand whose surface the datasets' surfaces are numbered as."""
+
 TRUSTED: Final = frozenset(
     {
         "hand_recon.data.augment.Augmentation",
         "hand_recon.data.crop.CropPolicy",
         "hand_recon.data.crop_reader.ReadingPolicy",
+        "hand_recon.data.dexycb.datamodule.DexYcbDataModule",
         "hand_recon.data.freihand.datamodule.FreiHandDataModule",
+        "hand_recon.data.ho3d.datamodule.Ho3dDataModule",
+        "hand_recon.data.landmarks.datamodule.LandmarkDataModule",
+        "hand_recon.data.mixture.MixtureDataModule",
         "hand_recon.data.synthetic_datamodule.SyntheticDataModule",
         "hand_recon.encoder.ImageEncoder",
         "hand_recon.encoder.LandmarkEncoder",
         "hand_recon.fit_results.ResultOptions",
         "hand_recon.fitting.descent.Descent",
+        MANO_HAND,
         "hand_recon.hand.open_hand.open_hand",
+        "hand_recon.knowledge.adversarial.Adversary",
         "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy",
         "hand_recon.knowledge.prior.Prior",
         "hand_recon.reconstructor.Reconstructor",
@@ -86,6 +95,10 @@ def folder_name(overrides: str) -> str:
 
 # Used by the folders of conf/train.yaml, evaluate.yaml and fit.yaml.
 OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+# Used by conf/data: surfaces of a dataset are compared with a hand of the same numbering only.
+OmegaConf.register_new_resolver(
+    "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
+)
 OmegaConf.register_new_resolver(
     "either", lambda first, second: second if first is None else first, replace=True
 )

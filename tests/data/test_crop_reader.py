@@ -9,7 +9,8 @@ import torch
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.freihand.dataset import FreiHand, FreiHandRecipe
+from hand_recon.data.freihand.dataset import FreiHand
+from hand_recon.data.freihand.splits import FreiHandRecipe
 from hand_recon.data.images import read_image
 from tests.data.freihand_folder import SIZE, Folder, edit_json, image_number, write_folder
 

@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.freihand.dataset import FreiHand, FreiHandRecipe
+from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.files import MANO_TIPS
+from hand_recon.data.freihand.splits import FreiHandRecipe
 from tests.data.freihand_folder import (
     SIZE,
     Folder,

@@ -5,74 +5,19 @@ Any folder in FreiHAND's layout will do. Training reads pictures, `training_K.js
 """
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.data.annotated import AnnotatedHands
-from hand_recon.data.crop import CropPolicy
-from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.freihand.files import (
-    FreiHandPart,
-    find_evaluation,
-    follows_mano,
-    open_part,
-)
+from hand_recon.data.freihand.files import follows_mano
+from hand_recon.data.freihand.splits import FreiHandRecipe, choose_hands
 from hand_recon.data.images import read_image
 from hand_recon.data.picture_hands import PictureHands, PictureRecipe
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 
 logger = logging.getLogger(__name__)
-
-TEST_SOURCES: Final = ("auto", "evaluation", "held_out")
-"""Which hands test."""
-
-
-@dataclass(frozen=True)
-class FreiHandRecipe:
-    """Which hands, and how they are cut out and read.
-
-    Raises:
-        ValueError: A choice does not exist.
-    """
-
-    root: Path | str
-    """The folder that holds `training_xyz.json`."""
-    crop: CropPolicy = field(default_factory=CropPolicy)
-    """Size and place of the crops."""
-    test_crop: CropPolicy | None = None
-    """The same for test hands, where it differs: the evaluation part has no masks."""
-    reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged pictures are too many."""
-    eval_root: Path | str | None = None
-    """The folder that holds `evaluation_xyz.json`, if it is not the same or `<root>_eval`."""
-    versions: Sequence[str] | None = None
-    """Which colourings to train on; none for all that are there. Others see the first one only."""
-    val_fraction: float = 0.1
-    """Share of the training hands that validate; as many again test if nothing else can."""
-    split_seed: int = 0
-    """Fixes who validates: the same for all seeds of a study."""
-    test_source: str = "auto"
-    """`evaluation`, `held_out` training hands, or `auto`: the first that there is."""
-    vertices: int | None = 778
-    """Vertices of the hand model; surfaces with another number are left out. None takes any."""
-    topology: str = "open"
-    """The hand model's name: surfaces numbered as MANO's are compared with MANO only."""
-
-    def __post_init__(self) -> None:
-        if self.test_source not in TEST_SOURCES:
-            raise ValueError(
-                f"Unknown test_source {self.test_source!r}; choose one of {list(TEST_SOURCES)}."
-            )
-        if not 0 < self.val_fraction < 0.5:
-            raise ValueError(
-                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that hands are "
-                "left to train on."
-            )
 
 
 class FreiHand(PictureHands):
@@ -98,7 +43,7 @@ class FreiHand(PictureHands):
             raise ValueError(f"Unknown split {split!r}; choose train, val or test.")
         self.split = split
         self.recipe = recipe
-        self.part, self.chosen = self._choose_hands()
+        self.part, self.chosen = choose_hands(split, recipe)
         self._check_projections()
         versions = self._wanted_versions()
         table = self._annotated(split == "test" if with_vertices is None else with_vertices)
@@ -127,37 +72,6 @@ class FreiHand(PictureHands):
             masks=_Repeated(part.masks, len(part)) if part.name == "training" else None,
             surfaces=None if vertices is None else _Repeated(vertices, len(part)).__getitem__,
         )
-
-    def _choose_hands(self) -> tuple[FreiHandPart, Int[np.ndarray, " chosen"]]:
-        """The part that a split reads, and the hands in it; a hand keeps its colourings."""
-        recipe = self.recipe
-        cache = recipe.reading.folder
-        root = Path(recipe.root).expanduser()
-        evaluation = find_evaluation(root, recipe.eval_root)
-        held_out = (
-            evaluation is None if recipe.test_source == "auto" else recipe.test_source == "held_out"
-        )
-        if self.split == "test" and not held_out:
-            if evaluation is None:
-                raise FileNotFoundError(
-                    f"No evaluation_xyz.json in {recipe.eval_root or recipe.root}. It is part of "
-                    "FreiHAND_pub_v2_eval.zip: unpack that and set data.eval_root, or test on "
-                    "held-out training hands with data.test_source=held_out."
-                )
-            part = open_part(evaluation[0], "evaluation", cache, evaluation[1])
-            return part, np.arange(len(part))
-        part = open_part(root, "training", cache)
-        order = np.random.default_rng(recipe.split_seed).permutation(len(part))
-        count = max(1, round(recipe.val_fraction * len(part)))
-        ends = {"val": (0, count), "test": (count, 2 * count)}
-        ends["train"] = (2 * count if held_out else count, len(part))
-        if self.split == "test":
-            logger.warning(
-                "No evaluation_xyz.json: testing on %d held-out hands of %s. Numbers on them are "
-                "not FreiHAND's benchmark.", count, root,
-            )  # fmt: skip
-        start, end = ends[self.split]
-        return part, np.sort(order[start:end])
 
     def _wanted_versions(self) -> tuple[str, ...]:
         """The colourings that some split of this recipe reads."""

@@ -122,12 +122,12 @@ def open_part(
         FileNotFoundError: A file is missing.
         ValueError: The files contradict each other, or cannot be hands.
     """
-    landmarks = _load(root, part, "xyz", (None, 21, 3), cache_dir)
-    intrinsics = _load(root, part, "K", (len(landmarks), 3, 3), cache_dir)
+    landmarks = load_list(root, part, "xyz", (None, 21, 3), cache_dir)
+    intrinsics = load_list(root, part, "K", (len(landmarks), 3, 3), cache_dir)
     _check_landmarks(root / f"{part}_xyz.json", landmarks)
     _check_intrinsics(root / f"{part}_K.json", intrinsics)
     if (root / f"{part}_scale.json").is_file():
-        scale = _load(root, part, "scale", (len(landmarks),), cache_dir)
+        scale = load_list(root, part, "scale", (len(landmarks),), cache_dir)
         _check_scale(root / f"{part}_scale.json", landmarks, scale)
     rgb = (rgb_root or root) / part / "rgb"
     suffix, count, fingerprint = _list_images(rgb)
@@ -181,9 +181,22 @@ def follows_mano(
     return bool(np.median(np.abs(tips - landmarks[:100, 4::4])) < 1e-3)
 
 
-def _load(
+def load_list(
     root: Path, part: str, kind: str, shape: tuple[int | None, ...], cache_dir: Path | None
 ) -> Float[np.ndarray, "..."]:
+    """One of a part's lists.
+
+    Args:
+        root: Folder of the annotations.
+        part: `training` or `evaluation`.
+        kind: `xyz`, `K`, `scale` or `mano`.
+        shape: What it must be; none for any size.
+        cache_dir: Where it is kept once parsed.
+
+    Raises:
+        FileNotFoundError: It is not there.
+        ValueError: It has another shape.
+    """
     path = root / f"{part}_{kind}.json"
     if not path.is_file():
         raise FileNotFoundError(_missing(root, path.name, part))
