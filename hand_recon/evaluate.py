@@ -2,14 +2,17 @@
 
 python -m hand_recon.evaluate ckpt=outputs/train/<time>
 python -m hand_recon.evaluate ckpt=… data=freihand data.root=/path/to/FreiHAND_pub_v2
+python -m hand_recon.evaluate ckpt=… data=freihand data.root=… protocol=freihand
 python -m hand_recon.evaluate predictions=pred.json protocol=freihand ground_truth=/path/to/folder
 """
 
+import logging
 from pathlib import Path
 from typing import Any
 
 import hydra
 import lightning
+import torch
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon.checkpoints import load_trained
@@ -21,10 +24,15 @@ from hand_recon.configuration import (
     set_threads,
     use_cache,
 )
-from hand_recon.evaluation.protocols import PROTOCOLS, protocol_named
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.evaluation.protocols import PROTOCOLS, Protocol, protocol_named
+from hand_recon.predicting import predict_test
 from hand_recon.progress import quiet_libraries
-from hand_recon.results import Run, finish_run
-from hand_recon.score_predictions import Request, score_predictions
+from hand_recon.results import Run, finish_run, write_json
+from hand_recon.score_predictions import Request, print_scores, score_predictions, submit
+from hand_recon.training import HandReconstruction
+
+logger = logging.getLogger(__name__)
 
 
 def evaluate(config: DictConfig) -> dict[str, Any]:
@@ -65,7 +73,36 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     facts = {"checkpoint": str(config.ckpt)}
     data = build_data(trained)
     check_input(loaded.module, data)
-    return finish_run(Run(trained, folder, loaded.module, data, mean, facts))
+    protocol = None if config.protocol is None else protocol_named(config.protocol)
+    metrics = finish_run(Run(trained, folder, loaded.module, data, mean, facts))
+    if protocol is not None:
+        metrics["official"] = _submit(loaded.module, data, protocol, folder)
+        write_json(folder / "metrics.json", metrics)
+    return metrics
+
+
+def _submit(
+    module: HandReconstruction, data: HandDataModule, protocol: Protocol, folder: Path
+) -> dict[str, Any]:
+    """Write what the benchmark's server takes; its scores as well, if the truth is known here."""
+    tested = predict_test(module, data, module.reconstructor.hand.name)
+    dataset = data.dataset("test")
+    known = {
+        name: torch.from_numpy(column)
+        for name in ("ids", "wrists")
+        if (column := getattr(dataset, name, None)) is not None
+    }
+    points = tested.prediction
+    submit(
+        protocol.name, points.landmarks, points.vertices, folder / "submission",
+        root=known.get("wrists"), ids=known.get("ids"),
+    )  # fmt: skip
+    if tested.truth is None:
+        logger.warning("%s does not tell the truth of its test hands: no scores.", data.name)
+        return {}
+    official = protocol.scores(tested.truth, points)
+    print_scores(official)
+    return official
 
 
 def _score_file(config: DictConfig) -> dict[str, Any]:
@@ -90,7 +127,7 @@ def _score_file(config: DictConfig) -> dict[str, Any]:
 
 def _refuse_stray(config: DictConfig) -> None:
     """Settings that would be ignored without predictions."""
-    stray = [name for name in ("protocol", "ground_truth", "output") if config[name] is not None]
+    stray = [name for name in ("ground_truth", "output") if config[name] is not None]
     if stray:
         raise ValueError(
             f"{', '.join(f'{name}=' for name in stray)} is of predictions=<file>, which was not given."

@@ -109,9 +109,12 @@ def _ours(official: dict[str, Any], truth: HandPoints, prediction: HandPoints) -
     return report_scores(official, 1000 * scores["E_J_proper"], unaligned)
 
 
-def _print(
-    official: dict[str, Any], ours: dict[str, float], pair: Pair, findings: tuple[Finding, ...]
-) -> None:
+def print_scores(official: dict[str, Any]) -> None:
+    """Print scores under the official script's names."""
+    Console(soft_wrap=True).print("\n".join(_lines(official)), markup=False, highlight=False)
+
+
+def _lines(official: dict[str, Any]) -> list[str]:
     lines = ["Official scores"]
     for name, value in official.items():
         if isinstance(value, dict):
@@ -119,6 +122,13 @@ def _print(
             lines.append(f"  {name}: {entries}")
         else:
             lines.append(f"  {name}: {value:.6f}")
+    return lines
+
+
+def _print(
+    official: dict[str, Any], ours: dict[str, float], pair: Pair, findings: tuple[Finding, ...]
+) -> None:
+    lines = _lines(official)
     lines.append("In the paper's names, errors in mm")
     lines += [f"  {name}: {value:.3f}" for name, value in ours.items()]
     lines += [f"Remark: {remark}" for remark in pair.remarks]
