@@ -56,6 +56,8 @@ class AnnotatedHands:
     """Which landmarks cannot be seen."""
     confidence: Float[np.ndarray, "row landmark=21"] | None = None
     """How sure of each landmark whoever placed it was, from 0 to 1."""
+    label_noise: Float[np.ndarray, "row landmark=21"] | None = None
+    """Standard deviation of each label, pixels of the picture."""
     masks: Pictures | None = None
     """Where each hand is white in a picture of the same size."""
     surfaces: Surfaces | None = None

@@ -101,6 +101,7 @@ class PictureHands(Dataset[HandSample]):
             confidence=None
             if hands.confidence is None
             else torch.from_numpy(hands.confidence[row]).float(),
+            label_noise=_scaled(_row(hands.label_noise, row), crop.matrix),
             mirrored=left,
         )
 
@@ -115,6 +116,14 @@ def _row(column: np.ndarray | None, row: int) -> np.ndarray | None:
     if column is None or np.isnan(column[row]).all():
         return None
     return np.asarray(column[row])
+
+
+def _scaled(
+    lengths: Float[np.ndarray, " landmark"] | None, matrix: Float[np.ndarray, "3 3"]
+) -> Float[Tensor, " landmark"] | None:
+    """Lengths of the picture in the crop, which may be mirrored."""
+    scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+    return None if lengths is None else torch.from_numpy(lengths * scale).float()
 
 
 def _points(

@@ -1,7 +1,5 @@
-"""Landmark files: every format gives the same hands, and what is wrong with a file is said."""
+"""Landmark files in JSON: every form gives the same hands."""
 
-import csv
-import json
 import logging
 from pathlib import Path
 from typing import Any
@@ -13,43 +11,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.landmark_set import mirror_left
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
-
-POINTS = np.random.default_rng(0).uniform(5, 1900, (3, 21, 2)).round(2)
-SCORES = np.random.default_rng(1).uniform(0.1, 1, (3, 21)).round(3)
-CAMERA = [[900.0, 0.0, 640.0], [0.0, 905.0, 480.0], [0.0, 0.0, 1.0]]
+from tests.data.landmark_writing import (
+    CAMERA,
+    POINTS,
+    SCORES,
+    assert_same_hands,
+    with_scores,
+    written,
+)
 
 # Outside the image too, but not all of them within ±2, which are no pixels.
 numbers = st.floats(-500, -3) | st.floats(3, 8000)
 points = st.none() | st.tuples(numbers, numbers).map(list)
 files_of_hands = st.lists(st.lists(points, min_size=21, max_size=21), min_size=1, max_size=4)
-
-
-def written(folder: Path, content: Any, name: str = "landmarks.json") -> Path:  # noqa: ANN401
-    path = folder / name
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
-
-
-def with_scores(points: np.ndarray = POINTS, third: np.ndarray = SCORES) -> list[Any]:
-    hands: list[Any] = np.concatenate([points, third[..., None]], axis=-1).tolist()
-    return hands
-
-
-def table(folder: Path, rows: list[list[Any]], delimiter: str = ",") -> Path:
-    with (folder / "landmarks.csv").open("w", newline="") as stream:
-        csv.writer(stream, delimiter=delimiter).writerows(rows)
-    return folder / "landmarks.csv"
-
-
-def assert_same_hands(landmarks: LandmarkSet, points: np.ndarray = POINTS) -> None:
-    np.testing.assert_array_equal(landmarks.landmarks_2d.numpy(), points)
-    assert (landmarks.labelled.numpy() == np.isfinite(points).all(axis=-1)).all()
-
-
-# --- JSON lists ---------------------------------------------------------------------------------
 
 
 @given(files_of_hands)
@@ -154,9 +131,6 @@ def test_what_is_not_told_is_assumed_by_name(tmp_path: Path) -> None:
         Assumptions(order="mine")
 
 
-# --- JSON objects -------------------------------------------------------------------------------
-
-
 def test_objects_tell_side_picture_and_camera(tmp_path: Path) -> None:
     hands = [
         {"landmarks": POINTS[0].tolist(), "side": "Left", "image": "a.jpg", "K": CAMERA},
@@ -186,256 +160,48 @@ def test_keys_that_are_not_read_are_named(tmp_path: Path, caplog: pytest.LogCapt
     assert "['colour'] are not read; known are" in caplog.text
 
 
-# --- COCO ---------------------------------------------------------------------------------------
-
-
-def coco_hand(points: np.ndarray, visibility: np.ndarray) -> list[float]:
-    numbers: list[float] = np.concatenate([points, visibility[:, None]], axis=1).ravel().tolist()
-    return numbers
-
-
-def test_coco_keypoints_come_with_their_pictures_and_sides(tmp_path: Path) -> None:
-    visibility = np.tile([2, 1, 0], 7)
-    content = {
-        "images": [{"id": 7, "file_name": "x/a.jpg", "width": 640, "height": 480}],
-        "categories": [{"id": 1, "name": "left_hand"}, {"id": 2, "name": "hand"}],
-        "annotations": [
-            {"id": 1, "image_id": 7, "category_id": 1, "keypoints": coco_hand(POINTS[0], visibility)},
-            {"id": 2, "image_id": 8, "category_id": 2, "keypoints": coco_hand(POINTS[1], visibility)},
-        ],
-    }  # fmt: skip
-    landmarks = read_landmarks(written(tmp_path, content))
-    expected = POINTS[:2].copy()
-    expected[:, 2::3] = np.nan
-    assert_same_hands(landmarks, expected)
-    assert landmarks.left.tolist() == [True, False]
-    assert landmarks.names == ("x/a.jpg", "annotation 2")
-    assert landmarks.images == (tmp_path / "x/a.jpg", None)
-    # Whether a joint can be seen is no measure of how precise its label is.
-    assert landmarks.confidence is None
-
-
-def test_coco_wholebody_has_two_hands_and_those_that_are_not_valid_are_left_out(
-    tmp_path: Path,
-) -> None:
-    seen, nothing = np.full(21, 2), np.zeros(21)
-    people = [
-        {
-            "id": 1, "image_id": 3, "keypoints": [0] * 51,
-            "lefthand_kpts": coco_hand(POINTS[0], seen), "lefthand_valid": True,
-            "righthand_kpts": coco_hand(POINTS[1], seen), "righthand_valid": True,
-        },
-        {
-            "id": 2, "image_id": 3, "keypoints": [0] * 51,
-            "lefthand_kpts": coco_hand(POINTS[2], nothing), "lefthand_valid": False,
-            "righthand_kpts": coco_hand(POINTS[2], seen), "righthand_valid": True,
-        },
-    ]  # fmt: skip
-    content = {"images": [{"id": 3, "file_name": "b.jpg"}], "annotations": people}
-    landmarks = read_landmarks(written(tmp_path, content))
-    assert_same_hands(landmarks)
-    assert landmarks.left.tolist() == [True, False, False]
-    assert landmarks.names == ("b.jpg left", "b.jpg right", "b.jpg right")
-
-
-def test_a_list_of_coco_results_has_scores(tmp_path: Path) -> None:
-    scores = SCORES[0].copy()
-    scores[0], scores[1] = 1.07, 0.0
-    content = [
-        {"image_id": 3, "category_id": 1, "score": 0.9, "keypoints": coco_hand(POINTS[0], scores)}
+def test_objects_can_tell_the_box_and_what_is_hidden(tmp_path: Path) -> None:
+    hidden = [number % 3 == 0 for number in range(21)]
+    hands = [
+        {"landmarks": POINTS[0].tolist(), "box": [1, 2, 30, 40], "occluded": hidden},
+        {"landmarks": POINTS[1].tolist(), "occluded": [False] * 21},
     ]
-    landmarks = read_landmarks(written(tmp_path, content))
-    assert landmarks.confidence is not None
-    assert landmarks.confidence[0, 0] == 1.0
-    assert landmarks.labelled[0].tolist() == [number != 1 for number in range(21)]
+    landmarks = read_landmarks(written(tmp_path, hands))
+    assert landmarks.hand_boxes is not None
+    assert landmarks.occluded is not None
+    assert landmarks.hand_boxes[0].tolist() == [1, 2, 30, 40]
+    assert landmarks.hand_boxes[1].isnan().all()
+    assert landmarks.occluded.tolist() == [hidden, [False] * 21]
+    chosen = landmarks.select(torch.tensor([1, 0]))
+    assert chosen.occluded is not None
+    assert chosen.occluded.tolist() == [[False] * 21, hidden]
+    assert chosen.hand_boxes is not None
+    assert chosen.hand_boxes[1].tolist() == [1, 2, 30, 40]
 
 
-# --- CSV ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-@pytest.mark.parametrize("third", ["c", "confidence", "sigma"])
-def test_a_table_with_one_row_per_hand(tmp_path: Path, delimiter: str, third: str) -> None:
-    header = [f"{letter}{number}" for number in range(21) for letter in ("u", "v", third)]
-    rows: list[list[Any]] = [["name", *header, "Side"]]
-    for hand, values in enumerate(with_scores()):
-        rows.append([f"hand {hand}", *np.array(values).ravel(), ("left", "", "right")[hand]])
-    rows[1][1:3] = "", ""
-    landmarks = read_landmarks(table(tmp_path, rows, delimiter))
-    expected = POINTS.copy()
-    expected[0, 0] = np.nan
-    assert_same_hands(landmarks, expected)
-    assert landmarks.names == ("hand 0", "hand 1", "hand 2")
-    assert landmarks.left.tolist() == [True, False, False]
-    told = landmarks.sigma if third == "sigma" else landmarks.confidence
-    assert told is not None
-    np.testing.assert_array_equal(told[1:].numpy(), SCORES[1:])
-    assert told[0, 0].isnan()
-
-
-@pytest.mark.parametrize("by_name", [True, False])
-def test_a_table_with_one_row_per_landmark(tmp_path: Path, by_name: bool) -> None:
-    rows: list[list[Any]] = [["hand", "landmark", "u", "v", "sigma", "side", "image"]]
-    for hand in (1, 0):
-        # Backwards, and the wrist left out: neither order nor completeness is asked for.
-        for landmark in range(20, 0, -1):
-            called = LANDMARKS[landmark].upper() if by_name else landmark
-            rows.append([f"no {hand}", called, *POINTS[hand, landmark], 3.5, "left", f"{hand}.png"])
-    landmarks = read_landmarks(table(tmp_path, rows))
-    expected = POINTS[[1, 0]].copy()
-    expected[:, 0] = np.nan
-    assert_same_hands(landmarks, expected)
-    assert landmarks.names == ("no 1", "no 0")
-    assert landmarks.images == (tmp_path / "1.png", tmp_path / "0.png")
-    assert landmarks.left.all()
-    assert landmarks.sigma is not None
-    assert (landmarks.sigma[:, 1:] == 3.5).all()
-
-
-# --- cameras ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "form", ["one.json", "each.json", "object.json", "text", "each.csv", "npy"]
-)
-def test_a_camera_can_be_given_in_any_of_these_forms(tmp_path: Path, form: str) -> None:
-    flat = " ".join(str(number) for row in CAMERA for number in row)
-    path = tmp_path / f"K.{form}"
-    if form == "npy":
-        np.save(path, np.array(CAMERA))
-        path = path if path.is_file() else path.with_name(f"{path.name}.npy")
-    else:
-        content = {
-            "one.json": json.dumps(CAMERA), "each.json": json.dumps([CAMERA] * 3),
-            "object.json": json.dumps({"K": CAMERA}), "text": flat,
-            "each.csv": "\n".join([flat.replace(" ", ",")] * 3),
-        }[form]  # fmt: skip
-        path.write_text(content)
-    landmarks = read_landmarks(written(tmp_path, POINTS.tolist()), path)
-    assert landmarks.intrinsics is not None
-    assert landmarks.intrinsics.tolist() == [CAMERA] * 3
-
-
-def test_a_camera_that_is_given_goes_before_the_files(
+def test_what_is_hidden_is_used_only_where_every_hand_tells(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    other = [[500.0, 0, 100], [0, 500.0, 100], [0, 0, 1]]
-    path = written(tmp_path, [{"landmarks": POINTS[0].tolist(), "K": other}])
-    landmarks = read_landmarks(path, written(tmp_path, CAMERA, "K.json"))
-    assert landmarks.intrinsics is not None
-    assert landmarks.intrinsics.tolist() == [CAMERA]
-    assert "has cameras too" in caplog.text
+    hands = [
+        {"landmarks": POINTS[0].tolist(), "occluded": [True] * 21},
+        {"landmarks": POINTS[1].tolist()},
+    ]
+    assert read_landmarks(written(tmp_path, hands)).occluded is None
+    assert "1 of 2 hands tell what is occluded" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ([CAMERA] * 2, "holds 2 camera matrices for 3 hands; expected one for all"),
-        (np.transpose(CAMERA).tolist(), r"not \[\[fx, skew, cx\].*column by column"),
-        ([[0.8, 0, 0.5], [0, 0.8, 0.5], [0, 0, 1]], "focal lengths of a pixel or less"),
-        ([[-900, 0, 640], [0, 900, 480], [0, 0, 1]], "focal lengths of a pixel or less"),
-        ([[float("nan"), 0, 640], [0, 900, 480], [0, 0, 1]], "not finite"),
-        ([[900, 640], [900, 480]], "holds 2 × 2 numbers, expected camera matrices of 3 × 3"),
-        ([[900, 0], [0]], "must be 3 × 3 numbers"),
-        ({"camera": CAMERA}, "an object with the keys .*camera.*expected one with `K`"),
-        ("[[900, 0", "not complete JSON"),
-        ("900 900 640 480", "holds 4 numbers, expected nine per camera matrix"),
-        ("fx fy", "no text of numbers"),
-    ],
-)
-def test_what_is_no_camera_is_refused(tmp_path: Path, content: Any, message: str) -> None:  # noqa: ANN401
-    path = written(tmp_path, POINTS.tolist())
-    with pytest.raises(ValueError, match=message):
-        read_landmarks(path, written(tmp_path, content, "K"))
+def test_a_mirrored_hand_has_its_box_mirrored(tmp_path: Path) -> None:
+    """The axis is the middle of the labels, u = 50: what was 10 left of it is 10 right of it."""
+    points: list[list[float]] = [[20.0, 5.0]] + [[80.0, 95.0]] * 20
+    hand = {"landmarks": points, "side": "left", "box": [40, 0, 90, 100]}
+    boxes = mirror_left(read_landmarks(written(tmp_path, [hand]))).hand_boxes
+    assert boxes is not None
+    assert boxes.tolist() == [[10, 0, 60, 100]]
 
 
-def test_a_camera_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"No camera matrices at .*K\.json"):
-        read_landmarks(written(tmp_path, POINTS.tolist()), tmp_path / "K.json")
-
-
-# --- what is refused ----------------------------------------------------------------------------
-
-
-def changed(hand: int, landmark: int, point: Any) -> list[Any]:  # noqa: ANN401
-    hands: list[Any] = POINTS.tolist()
-    hands[hand][landmark] = point
-    return hands
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "columns .*expected one row per hand"),
-        ("[]", "holds no hands"),
-        ("[[[1, 2], [3", "not complete JSON .*cut off"),
-        ('{"landmarks": []}\n{"landmarks": []}', "JSON lines"),
-        ("{}", "object with the keys"),
-        ([POINTS[0, :20].tolist()], r"hand 0 .* has 20 points, expected 21"),
-        ([POINTS[0].tolist(), [[1, 2]] * 22], r"hand 1 .* has 22 points, expected 21"),
-        ([POINTS[0].tolist(), 7], r"hand 1 .* has 7, expected 21"),
-        (changed(2, 5, [1.0]), r"landmark 5 of hand 2 is \[1.0\], expected \[u, v\]"),
-        (changed(2, 5, [1.0, 2.0, 3.0, 4.0]), r"landmark 5 of hand 2 is"),
-        (changed(2, 5, ["left", 3.0]), "a coordinate is not a number"),
-        (changed(1, 5, [float("inf"), 3.0]), "1 of 3 hands have infinite coordinates.*: 1"),
-        (changed(1, 5, [None, 30.0]), "1 of 3 hands have landmarks with one coordinate only.*: 1"),
-        ((POINTS / 2000).tolist(), "shares of the image's size, as MediaPipe gives them"),
-        (with_scores(third=SCORES - 0.5), "a σ that is not positive.*MediaPipe's z"),
-        (with_scores(third=np.full((3, 21), np.inf)), "a σ that is not positive and finite"),
-        ([{"landmarks": POINTS[0].tolist(), "confidence": [1.5] * 21}], r"outside \[0, 1\]"),
-        ([{"landmarks": POINTS[0].tolist(), "sigma": [1.0] * 20}], "`sigma` must be a list of 21"),
-        ([{"landmarks": POINTS[0].tolist(), "side": "both"}], "hand 0 has the side 'both'"),
-        ([{"points": POINTS[0].tolist()}], "entry 0 is no object with `landmarks`"),
-        ([{"landmarks": POINTS[0].tolist()}, POINTS[0].tolist()], "entry 1 is no object"),
-        (
-            [{"landmarks": POINTS[0].tolist(), "K": CAMERA}, {"landmarks": POINTS[1].tolist()}],
-            "1 of 2 hands have a camera matrix, hand 1 has none",
-        ),
-        ({"annotations": []}, "none of 0 annotations has a hand"),
-        ({"annotations": [{"id": 4, "keypoints": [1] * 51}]}, "of annotation 4 has 51 numbers"),
-        ([{"keypoints": ["a"] * 63}], "a keypoint is not a number"),
-    ],
-)  # fmt: skip
-def test_every_mistake_has_its_message(tmp_path: Path, content: Any, message: str) -> None:  # noqa: ANN401
-    path = written(tmp_path, content)
-    with pytest.raises(ValueError, match=f"(?s){message}"):
-        read_landmarks(path)
-
-
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        ([["x", "y"], [1, 2]], "has the columns .*'x'.*expected one row per hand"),
-        ([["u0", "v0"], [1, 2]], r"lacks the columns \['u1'"),
-        ([["u0", "u0"], [1, 2]], "two columns of one name"),
-        ([["hand", "landmark", "u", "v"], [0, 1, 2]], "line 2: 3 cells for 4 columns"),
-        ([["hand", "landmark", "u", "v"], [0, 21, 2, 3]], "unknown landmark '21'"),
-        ([["hand", "landmark", "u", "v"], [0, 1, 20, 30], [0, "thumb CMC", 2, 3]], "more than once"),
-        ([["hand", "landmark", "u", "v"], [0, 1, "left", 3]], "a cell is not a number"),
-        ([["hand", "landmark", "u", "v"]], "holds no hands"),
-    ],
-)  # fmt: skip
-def test_every_mistake_in_a_table_has_its_message(
-    tmp_path: Path, rows: list[list[Any]], message: str
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        read_landmarks(table(tmp_path, rows))
-
-
-def test_a_file_that_is_not_there_or_no_text_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"No landmarks at .*nothing\.json"):
-        read_landmarks(tmp_path / "nothing.json")
-    (tmp_path / "a.json").write_bytes(b"\xff\xd8\xff\xe0")
-    with pytest.raises(ValueError, match=r"a\.json is not text"):
-        read_landmarks(tmp_path / "a.json")
-
-
-def test_hands_with_three_landmarks_are_kept_and_named(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    three: list[Any] = [None] * 18 + POINTS[0, :3].tolist()
-    four: list[Any] = [None] * 17 + POINTS[0, :4].tolist()
-    landmarks = read_landmarks(written(tmp_path, [three, four]))
-    assert landmarks.usable.tolist() == [False, True]
-    assert "1 of 2 hands have fewer than 4 labelled landmarks" in caplog.text
-    assert torch.equal(landmarks.labelled.sum(dim=1), torch.tensor([3, 4]))
+def test_hands_of_unknown_side_can_be_refused(tmp_path: Path) -> None:
+    hands = [{"landmarks": POINTS[0].tolist(), "side": "left"}, {"landmarks": POINTS[1].tolist()}]
+    with pytest.raises(
+        ValueError, match=r"1 of 2 hands whether they are left or right.*data\.side"
+    ):
+        read_landmarks(written(tmp_path, hands), assumed=Assumptions(side=None))

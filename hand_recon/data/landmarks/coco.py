@@ -1,7 +1,12 @@
-"""Hands in COCO's keypoint format: 21 keypoints per annotation, or the two hands of COCO-WholeBody.
+"""Hands in COCO's keypoint format: 21 keypoints per annotation, or the two hands of a whole body.
 
-Annotation files and lists of results are read alike. The third number of a keypoint is COCO's visibility
-(0, 1, 2) or a score; 0 is a keypoint that is not there. COCO-WholeBody's hands are in FreiHAND's order.
+Annotation files and lists of results are read alike. COCO-WholeBody keeps hands as `lefthand_kpts` and
+`righthand_kpts`, or as the keypoints 91 to 132 of its 133; Halpe-FullBody (Fang et al., TPAMI 2022) as 94 to
+135 of 136. mmpose's files of OneHand10K, Panoptic and RHD have one hand per annotation. All of them are in
+FreiHAND's order but RHD's own, which goes from tip to base.
+
+The third number of a keypoint is COCO's visibility (0, 1, 2) or a score; 0 is a keypoint that is not there.
+In a file that tells them apart, 1 is a keypoint that is labelled but cannot be seen.
 """
 
 import logging
@@ -21,6 +26,14 @@ LENGTH: Final = 63
 KEYS: Final = {"keypoints": None, "lefthand_kpts": "left", "righthand_kpts": "right"}
 """Where an annotation keeps hands, and which side they then are."""
 
+BOXES: Final = {
+    "keypoints": "bbox", "lefthand_kpts": "lefthand_box", "righthand_kpts": "righthand_box",
+}  # fmt: skip
+"""Where the box of each is: left, top, width and height."""
+
+WHOLE_BODIES: Final = {3 * 133: 91, 3 * 136: 94}
+"""Numbers of all keypoints of a body → its left hand's first keypoint; the right hand follows the left."""
+
 
 @dataclass(frozen=True)
 class _Hand:
@@ -28,8 +41,9 @@ class _Hand:
 
     numbers: list[Any]
     side: str | None
-    image: str | None
     name: str
+    box: list[Any] | None = None
+    image: str | None = None
 
 
 def is_coco(content: object) -> bool:
@@ -47,27 +61,29 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
     """The hands of all annotations, in their order; the left one first where there are two.
 
     Raises:
-        ValueError: No annotation has a hand, or one has another number of keypoints than 21.
+        ValueError: No annotation has a hand, or one has another number of keypoints than are known.
     """
     whole = content if isinstance(content, dict) else {"annotations": content}
-    images = {entry.get("id"): entry for entry in whole.get("images", [])}
+    images = {entry.get("id"): entry.get("file_name") for entry in whole.get("images", [])}
     categories = {
         entry.get("id"): str(entry.get("name", "")) for entry in whole.get("categories", [])
     }
     hands: list[_Hand] = []
     for annotation in whole["annotations"]:
-        image = images.get(annotation.get("image_id"), {})
+        image = _image(images, annotation.get("image_id"))
         category = categories.get(annotation.get("category_id"), "")
-        hands += _hands_of(path, annotation, image.get("file_name"), category)
+        hands += _hands_of(path, annotation, image, category)
     if not hands:
         raise ValueError(
             f"{path}: none of {len(whole['annotations'])} annotations has a hand; expected `keypoints` of "
-            f"{LENGTH} numbers, or COCO-WholeBody's `lefthand_kpts` and `righthand_kpts` marked as valid."
+            f"{LENGTH} numbers, COCO-WholeBody's `lefthand_kpts` and `righthand_kpts` marked as valid, or "
+            "the 133 or 136 keypoints of a body."
         )
     try:
         numbers = np.array([hand.numbers for hand in hands], dtype=np.float64).reshape(-1, 21, 3)
+        boxes = _boxes(hands)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: a keypoint is not a number ({error}).") from error
+        raise ValueError(f"{path}: a keypoint or a box is not a number ({error}).") from error
     points, score = numbers[..., :2].copy(), numbers[..., 2]
     points[score == 0] = np.nan
     return ParsedHands(
@@ -76,7 +92,16 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
         sides=[hand.side for hand in hands],
         names=[hand.name for hand in hands],
         images=[hand.image for hand in hands],
+        boxes=boxes,
+        # Many files know only that a keypoint is there, and call it 1.
+        occluded=score == 1 if _are_visibilities(score) and (score == 2).any() else None,
     )  # fmt: skip
+
+
+def _image(images: dict[Any, Any], identity: object) -> str | None:
+    """A picture's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
+    named = images.get(identity, identity if isinstance(identity, str) else None)
+    return None if named is None else str(named)
 
 
 def _hands_of(
@@ -84,24 +109,65 @@ def _hands_of(
 ) -> list[_Hand]:
     """The hands of one annotation; those that it marks as not valid are left out."""
     identity = f"annotation {annotation.get('id', annotation.get('image_id'))}"
+    called = image or identity
     hands = []
-    for key, known_side in KEYS.items():
-        numbers = annotation.get(key)
+    for key, side in KEYS.items():
+        numbers = _flat(annotation.get(key))
         if not numbers or not annotation.get(f"{key.removesuffix('_kpts')}_valid", True):
             continue
-        beside_hands = known_side is None and any(KEYS[key] for key in KEYS if key in annotation)
-        if beside_hands and len(numbers) != LENGTH:
+        if side is None and len(numbers) != LENGTH and any(annotation.get(k) for k in _HAND_KEYS):
             # The body's keypoints, in COCO-WholeBody.
+            continue
+        if side is None and len(numbers) in WHOLE_BODIES:
+            hands += _hands_of_body(numbers, called, image)
             continue
         if len(numbers) != LENGTH:
             raise ValueError(
                 f"{path}: {key} of {identity} has {len(numbers)} numbers, expected {LENGTH}: u, v and "
-                "visibility of 21 keypoints."
+                "visibility of 21 keypoints (or the 133 or 136 keypoints of a body)."
             )
-        side = known_side or _side(f"{path}: {identity}", annotation, category)
-        name = f"{image or identity}" if known_side is None else f"{image or identity} {side}"
-        hands.append(_Hand(numbers, side, image, name))
+        box = annotation.get(BOXES[key])
+        if side is None:
+            told = _side(f"{path}: {identity}", annotation, category)
+            hands.append(_Hand(numbers, told, called, box, image))
+        else:
+            hands.append(_Hand(numbers, side, f"{called} {side}", box, image))
     return hands
+
+
+_HAND_KEYS: Final = tuple(key for key, side in KEYS.items() if side is not None)
+
+
+def _hands_of_body(numbers: list[Any], called: str, image: str | None) -> list[_Hand]:
+    """The hands among the keypoints of a body, if any of theirs is there; a body's box is no hand's."""
+    start = 3 * WHOLE_BODIES[len(numbers)]
+    found = {
+        "left": numbers[start : start + LENGTH],
+        "right": numbers[start + LENGTH : start + 2 * LENGTH],
+    }
+    return [
+        _Hand(hand, side, f"{called} {side}", image=image)
+        for side, hand in found.items()
+        if any(hand[2::3])
+    ]
+
+
+def _flat(numbers: Any) -> list[Any]:  # noqa: ANN401  # any JSON
+    """Keypoints as one list, though some write one list per keypoint."""
+    if isinstance(numbers, list) and numbers and all(isinstance(row, list) for row in numbers):
+        return [number for row in numbers for number in row]
+    return numbers or []
+
+
+def _boxes(hands: list[_Hand]) -> np.ndarray | None:
+    """Left, top, right and bottom; NaN for hands without."""
+    if all(hand.box is None for hand in hands):
+        return None
+    rows = [hand.box or [None] * 4 for hand in hands]
+    boxes = np.array(rows, dtype=np.float64).reshape(len(hands), 4)
+    # A box of no size stays one: it stands for no box.
+    boxes[:, 2:] += boxes[:, :2]
+    return boxes
 
 
 def _side(where: str, annotation: dict[str, Any], category: str) -> str | None:
@@ -111,9 +177,13 @@ def _side(where: str, annotation: dict[str, Any], category: str) -> str | None:
     return told or (named[0] if len(named) == 1 else None)
 
 
+def _are_visibilities(score: np.ndarray) -> bool:
+    return bool(np.isin(score, (0, 1, 2)).all())
+
+
 def _confidence(path: Path, score: np.ndarray) -> np.ndarray | None:
     """Scores from 0 to 1; none where the numbers are visibilities, which say nothing of precision."""
-    if np.isin(score, (0, 1, 2)).all():
+    if _are_visibilities(score):
         return None
     if (score > 1).any():
         logger.info("%s: scores above 1 are read as 1.", path)

@@ -10,7 +10,8 @@ JSON
 
     A list of N objects (or one) that say more: `landmarks` as above and, if wanted, `side` (or
     `handedness`), `image`, `name`, `intrinsics` (or `K`), `confidence` and `sigma` (21 numbers each;
-    σ also as 21 pairs). Other keys are left unread with a warning. `fit.json` is such a list.
+    σ also as 21 pairs), `box` (left, top, right, bottom) and `occluded` (21 true or false). Other keys are
+    left unread with a warning. `fit.json` is such a list.
 
     COCO's keypoint format (`hand_recon.data.landmarks.coco`).
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from hand_recon.data.landmarks.camera_files import to_camera_matrices
 from hand_recon.data.landmarks.parsed import ParsedHands, read_side
@@ -23,7 +23,7 @@ CAMERA_KEYS: Final = ("intrinsics", "K")
 """Where an object keeps its camera matrix."""
 
 KNOWN_KEYS: Final = (
-    *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, "image", "name", "confidence", "sigma",
+    *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, "image", "name", "confidence", "sigma", "box", "occluded",
 )  # fmt: skip
 """Everything that is read of an object."""
 
@@ -67,6 +67,8 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
         ],
         names=[_text(entry.get("name")) for entry in content],
         images=[_text(entry.get("image")) for entry in content],
+        boxes=_boxes(path, content),
+        occluded=_occluded(path, content),
     )
 
 
@@ -141,6 +143,40 @@ def _values(
         raise ValueError(
             f"{path}: `{key}` must be a list of 21 numbers (or null) for each hand that has it."
         ) from error
+
+
+def _boxes(path: Path, content: list[Any]) -> Float[np.ndarray, "hand 4"] | None:
+    """The boxes of the hands that have one."""
+    if not any(entry.get("box") is not None for entry in content):
+        return None
+    try:
+        rows = [entry.get("box") or [None] * 4 for entry in content]
+        return np.array(rows, dtype=np.float64).reshape(len(content), 4)
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{path}: `box` must be left, top, right and bottom in pixels for each hand that has it."
+        ) from error
+
+
+def _occluded(path: Path, content: list[Any]) -> Bool[np.ndarray, "hand landmark=21"] | None:
+    """Which landmarks are hidden, where every hand tells."""
+    told = sum(entry.get("occluded") is not None for entry in content)
+    if not told:
+        return None
+    try:
+        rows = np.array([entry.get("occluded") or [False] * 21 for entry in content], dtype=bool)
+        rows = rows.reshape(len(content), 21)
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: `occluded` must be a list of 21 true or false for each hand that has it."
+        ) from error
+    if told < len(content):
+        logger.warning(
+            "%s: %d of %d hands tell what is occluded; it is used only where all do.",
+            path, told, len(content),
+        )  # fmt: skip
+        return None
+    return rows
 
 
 def _cameras(path: Path, content: list[Any]) -> Float[np.ndarray, "hand 3 3"] | None:

@@ -36,6 +36,10 @@ class LandmarkSet:
     """Camera matrices, pixels of the image; none if the cameras are unknown."""
     images: tuple[Path | None, ...] = field(default=())
     """The picture of each hand, where the file names one; made as long as `names`."""
+    hand_boxes: Float[Tensor, "hand 4"] | None = None
+    """Left, top, right and bottom of each hand as whoever drew the box saw it, pixels; NaN where unknown."""
+    occluded: Bool[Tensor, "hand landmark=21"] | None = None
+    """Which labelled landmarks cannot be seen; none if the file does not tell."""
 
     def __post_init__(self) -> None:
         if not self.images:
@@ -73,6 +77,8 @@ class LandmarkSet:
             confidence=None if self.confidence is None else self.confidence[chosen],
             intrinsics=None if self.intrinsics is None else self.intrinsics[chosen],
             images=tuple(self.images[hand] for hand in chosen),
+            hand_boxes=None if self.hand_boxes is None else self.hand_boxes[chosen],
+            occluded=None if self.occluded is None else self.occluded[chosen],
         )
 
     def parts(self, size: int) -> Iterator["LandmarkSet"]:
@@ -128,7 +134,18 @@ def mirror(landmarks: LandmarkSet, which: Bool[Tensor, " hand"]) -> LandmarkSet:
         landmarks_2d=move_points(landmarks.landmarks_2d, matrices),
         left=landmarks.left ^ which,
         intrinsics=None if intrinsics is None else mirror_camera(matrices @ intrinsics, which),
+        hand_boxes=_mirrored_boxes(landmarks.hand_boxes, matrices),
     )
+
+
+def _mirrored_boxes(
+    hand_boxes: Float[Tensor, "hand 4"] | None, matrices: Float[Tensor, "hand 3 3"]
+) -> Float[Tensor, "hand 4"] | None:
+    """Boxes through mirrors: what was the left edge may now be the right one."""
+    if hand_boxes is None:
+        return None
+    corners = move_points(hand_boxes.unflatten(-1, (2, 2)), matrices)
+    return torch.cat([corners.amin(dim=1), corners.amax(dim=1)], dim=-1)
 
 
 def mirror_left(landmarks: LandmarkSet) -> LandmarkSet:

@@ -42,6 +42,10 @@ class ParsedHands:
     """What the file calls each hand; empty if it names none."""
     images: Sequence[str | None] = ()
     """The picture of each hand as the file has it; empty if it names none."""
+    boxes: Float[np.ndarray, "hand 4"] | None = None
+    """Left, top, right and bottom, pixels of the image; NaN, or no extent, where there is no box."""
+    occluded: Bool[np.ndarray, "hand landmark=21"] | None = None
+    """Which landmarks cannot be seen, in the file's order of landmarks."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,8 @@ class Assumptions:
 
     third: str = "auto"
     """One of `THIRD`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
-    side: str = "right"
-    """Which hands they are where the file does not tell."""
+    side: str | None = "right"
+    """Which hands they are where the file does not tell; none refuses a file that does not."""
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     images: Path | None = None
@@ -64,7 +68,7 @@ class Assumptions:
     def __post_init__(self) -> None:
         if self.third not in THIRD:
             raise ValueError(f"Unknown third number {self.third!r}; choose one of {list(THIRD)}.")
-        if self.side not in SIDES:
+        if self.side is not None and self.side not in SIDES:
             raise ValueError(f"Unknown side {self.side!r}; choose one of {list(SIDES)}.")
         landmark_permutation(self.order, "freihand")
 
@@ -128,7 +132,17 @@ def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> La
         confidence=None if confidence is None else torch.from_numpy(confidence[:, order]),
         intrinsics=None if parsed.intrinsics is None else torch.from_numpy(parsed.intrinsics),
         images=images,
-    )  # fmt: skip
+        hand_boxes=None if parsed.boxes is None else torch.from_numpy(_known_boxes(parsed.boxes)),
+        occluded=None
+        if parsed.occluded is None
+        else torch.from_numpy((parsed.occluded & labelled)[:, order]),
+    )
+
+
+def _known_boxes(boxes: Float[np.ndarray, "hand 4"]) -> Float[np.ndarray, "hand 4"]:
+    """NaN for boxes without extent: annotators write zeros for a box that they did not draw."""
+    extent = (boxes[:, 2:] - boxes[:, :2]).min(axis=-1, keepdims=True)
+    return np.where(np.isfinite(boxes).all(axis=-1, keepdims=True) & (extent > 0), boxes, np.nan)
 
 
 def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
@@ -209,9 +223,15 @@ def _where(labelled: np.ndarray, values: np.ndarray | None) -> np.ndarray | None
 
 
 def _which_left(
-    path: Path, sides: Sequence[str | None], hands: int, assumed: str
+    path: Path, sides: Sequence[str | None], hands: int, assumed: str | None
 ) -> Bool[torch.Tensor, " hand"]:
     unknown = hands - sum(side is not None for side in sides)
+    if unknown and assumed is None:
+        raise ValueError(
+            f"{path} does not tell of {unknown} of {hands} hands whether they are left or right ones, and 2D "
+            "landmarks cannot: a right palm looks like the back of a left hand. If all of these are of one "
+            "side, say side=right or side=left (data.side in training); else write `side` to each hand."
+        )
     if unknown:
         logger.info(
             "%s: the side of %d of %d hands is not told; they are taken for %s hands (side=%s).",

@@ -1,0 +1,231 @@
+"""DexYCB: right and left hands with cameras, 2D and 3D labels; left ones come in mirrored (Sec. 4.1).
+
+Crops are cut about the labelled joints. Frames without a labelled hand are dropped, and said so; the ids of
+those that stay are the official ones, so that a file of results can be written.
+"""
+
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.cache import digest
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.crop_reader import ReadingPolicy
+from hand_recon.data.dexycb.files import (
+    SIZE,
+    SUBJECTS,
+    find_root,
+    picture_path,
+    present,
+    read_betas,
+    read_grasps,
+    read_intrinsics,
+)
+from hand_recon.data.dexycb.labels import (
+    check_labels,
+    labelled_rows,
+    labels_fingerprint,
+    read_labels,
+)
+from hand_recon.data.dexycb.splits import PARTS, SETUPS, Frames, enumerate_frames, split_named
+from hand_recon.data.dexycb.surfaces import GT_MODES, DexYcbSurfaces, load_pair
+from hand_recon.data.images import read_image
+from hand_recon.data.picture_hands import PictureHands, PictureRecipe
+
+logger = logging.getLogger(__name__)
+
+AROUND_JOINTS: Final = CropPolicy(around="joints", expansion=1.5)
+"""How peers cut DexYCB's hands out."""
+
+
+@dataclass(frozen=True)
+class DexYcbRecipe:
+    """Which hands, and how they are cut out and read.
+
+    Raises:
+        ValueError: A choice does not exist.
+    """
+
+    root: Path | str | None
+    """The folder that holds `20200709-subject-01`."""
+    setup: str = "s0"
+    """One of `SETUPS`."""
+    crop: CropPolicy = AROUND_JOINTS
+    """Size and place of the crops."""
+    reading: ReadingPolicy = field(default_factory=ReadingPolicy)
+    """Caches, and how many damaged pictures are too many."""
+    label_workers: int = 2
+    """Processes that read the labels, once."""
+    partial: bool = False
+    """Whether subjects may be missing: for training on what is there; such numbers are no benchmark's."""
+    train_every: int = 1
+    """Take every n-th frame of the training part: neighbours are a thirtieth of a second apart."""
+    val_every: int = 1
+    """The same of the validation part."""
+    test_every: int = 1
+    """The same of the test part; numbers on a thinned one are not the official ones."""
+    gt_mode: str = "official"
+    """How left hands' surfaces are made, one of `GT_MODES`."""
+    mano: Path | str | None = None
+    """The folder of MANO's hands, which make the surfaces."""
+    topology: str = "open"
+    """The hand model's name: MANO's surfaces are compared with MANO only."""
+
+    def __post_init__(self) -> None:
+        if self.setup not in SETUPS:
+            raise ValueError(f"Unknown setup {self.setup!r}; choose one of {list(SETUPS)}.")
+        if self.gt_mode not in GT_MODES:
+            raise ValueError(f"Unknown gt_mode {self.gt_mode!r}; choose one of {list(GT_MODES)}.")
+        steps = [getattr(self, f"{part}_every") for part in PARTS]
+        if min(steps) < 1:
+            raise ValueError(
+                f"train_every, val_every, test_every are {steps}; all must be 1 or more."
+            )
+
+
+class DexYcb(PictureHands):
+    """One part of a setup."""
+
+    ids: Int[np.ndarray, " sample"]
+    """The official number of each sample's frame in its part: its id in a file of results."""
+
+    def __init__(self, split: str, recipe: DexYcbRecipe, with_vertices: bool | None = None) -> None:
+        """Read the labels, once; pictures are read when asked for, or once into the cache.
+
+        Args:
+            split: `train`, `val` or `test`.
+            recipe: Everything else.
+            with_vertices: Whether to give the surfaces; by default only those of the test hands.
+
+        Raises:
+            FileNotFoundError: A file or a subject is missing.
+            ValueError: The files contradict each other, or there is no such split.
+            RuntimeError: More pictures are damaged than allowed.
+        """
+        self.split = split
+        self.recipe = recipe
+        self.name = f"{recipe.setup}-{split}"
+        self.root = find_root(recipe.root)
+        frames = self._frames()
+        wanted = np.arange(0, len(frames), getattr(recipe, f"{split}_every"))
+        frames = frames.select(wanted)
+        labels = read_labels(frames, self.name, recipe.reading.folder, recipe.label_workers)
+        kept = labelled_rows(labels, self.name)
+        self.ids = wanted[kept]
+        self.frames, self.labels = frames.select(kept), labels.select(kept)
+        self.left = _of_grasps(self.frames, [grasp.left for grasp in frames.grasps])
+        table = self._annotated(split == "test" if with_vertices is None else with_vertices)
+        super().__init__(table, recipe=PictureRecipe(recipe.crop, recipe.reading))
+
+    def surfaces(self) -> DexYcbSurfaces | None:
+        """MANO as the labels pose it; None, and a warning, where MANO is not there."""
+        pair = load_pair(self.recipe.mano, left_hands=bool(self.left.any()))
+        if pair is None:
+            return None
+        names = [grasp.calibration for grasp in self.frames.grasps]
+        betas = {name: read_betas(self.root, name) for name in sorted(set(names))}
+        return DexYcbSurfaces(
+            pair,
+            self.labels.pose_m,
+            _of_grasps(self.frames, [betas[name] for name in names]),
+            self.left,
+            self.recipe.gt_mode,
+        )
+
+    def _frames(self) -> Frames:
+        """Every frame of the split, whether anything is labelled in it or not."""
+        split = split_named(self.recipe.setup, self.split)
+        there = self._subjects(split.subjects)
+        step = getattr(self.recipe, f"{self.split}_every")
+        if step > 1 and self.split == "test":
+            logger.warning(
+                "DexYCB %s: every %d-th frame only: numbers are not the benchmark's.",
+                self.name,
+                step,
+            )
+        grasps = [grasp for subject in there for grasp in read_grasps(self.root, subject)]
+        return enumerate_frames(split, grasps)
+
+    def _subjects(self, wanted: tuple[int, ...]) -> list[int]:
+        """Those of the split's subjects that are there, if that is enough."""
+        there = present(self.root, wanted)
+        missing = ", ".join(SUBJECTS[subject] for subject in wanted if subject not in there)
+        if not missing:
+            return there
+        if self.recipe.partial and there:
+            logger.warning(
+                "DexYCB %s without %s: numbers are not the benchmark's, and neither are the ids in a file of "
+                "results, which count the frames of all subjects.", self.name, missing,
+            )  # fmt: skip
+            return there
+        cure = "or set data.partial=true to do without: numbers are then not the benchmark's"
+        raise FileNotFoundError(
+            f"{self.root} lacks {len(wanted) - len(there)} of the {len(wanted)} subjects of DexYCB "
+            f"{self.name}: {missing}. Unpack them there, "
+            f"{cure if there else 'or choose a data.setup whose parts have other subjects'}."
+        )
+
+    def _annotated(self, with_vertices: bool) -> AnnotatedHands:
+        frames = self.frames
+        intrinsics = read_intrinsics(self.root)[frames.camera]
+        check_labels(self.labels, intrinsics, self.name)
+        self._check_size()
+        return AnnotatedHands(
+            name=f"dexycb-{self.name}",
+            root=self.root,
+            pictures=_Pictures(frames),
+            fingerprint=digest(labels_fingerprint(frames), self.labels.joint_2d.tobytes()),
+            landmarks_2d=self.labels.joint_2d,
+            left=self.left,
+            intrinsics=intrinsics,
+            landmarks_3d=self.labels.joint_3d,
+            surfaces=self._comparable_surfaces() if with_vertices else None,
+        )
+
+    def _comparable_surfaces(self) -> DexYcbSurfaces | None:
+        """The surfaces, if the hand model's are numbered alike."""
+        if self.recipe.topology == "mano":
+            return self.surfaces()
+        logger.warning(
+            "DexYCB's surfaces are MANO's, which cannot be compared vertex by vertex with hand=%s: vertex "
+            "metrics are left out; hand=mano data.topology=mano has them.", self.recipe.topology,
+        )  # fmt: skip
+        return None
+
+    def _check_size(self) -> None:
+        """Refuse pictures of another size, which the camera matrices are not for."""
+        path = _Pictures(self.frames)[0]
+        picture = read_image(path)
+        if picture is not None and picture.shape[:2] != SIZE:
+            height, width = picture.shape[:2]
+            raise ValueError(
+                f"{path} has {width} × {height} pixels; labels and cameras are for {SIZE[1]} × {SIZE[0]}. "
+                "Use the pictures as they were released; crops are cut and kept (data.reading.decode_cache)."
+            )
+
+
+class _Pictures:
+    """The picture of each frame."""
+
+    def __init__(self, frames: Frames) -> None:
+        self.frames = frames
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, row: int) -> Path:
+        frames = self.frames
+        grasp = frames.grasps[int(frames.grasp[row])]
+        return picture_path(grasp, int(frames.camera[row]), int(frames.number[row]))
+
+
+def _of_grasps(
+    frames: Frames, values: list[bool] | list[Float[np.ndarray, " direction"]]
+) -> Bool[np.ndarray, " frame"] | Float[np.ndarray, "frame direction"]:
+    """What is known of sequences, by frame."""
+    return np.asarray(values)[frames.grasp]

@@ -1,0 +1,258 @@
+"""DexYCB's labels, one small archive per picture, read once into three arrays.
+
+`joint_2d` is the projection of `joint_3d` by the colour camera's matrix, as FreiHAND's labels are, and is
+taken as it is: no half pixel is added, although the camera's maker counts pixels from their centres.
+"""
+
+import io
+import itertools
+import logging
+import multiprocessing
+import zipfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from hand_recon.data.cache import digest, ensure_built, file_identity
+from hand_recon.data.dexycb.files import SERIALS, label_path
+from hand_recon.data.dexycb.splits import Frames
+from hand_recon.data.progress import with_progress
+
+logger = logging.getLogger(__name__)
+
+SHAPES: Final = {"joint_2d": (21, 2), "joint_3d": (21, 3), "pose_m": (51,)}
+"""What is read of a label, and the shape that it has behind an axis of one hand."""
+
+MISSING: Final = -1.0
+"""What stands for joints that nobody labelled."""
+
+WORTH_PROCESSES: Final = 10_000
+"""Files below which processes start no sooner than this one is done: it reads some 2,000 per second."""
+
+_LOOKED_AT: Final = 20_000
+"""About as many labels are checked: mistakes are in all of them or in none."""
+
+_TOO_FAR: Final = 1.0
+"""Pixels between a label and its projection that no rounding explains."""
+
+
+@dataclass(frozen=True)
+class DexYcbLabels:
+    """The labels of some frames."""
+
+    joint_2d: Float[np.ndarray, "frame landmark=21 2"]
+    """Pixels of the whole picture, also outside it."""
+    joint_3d: Float[np.ndarray, "frame landmark=21 3"]
+    """Camera's frame, metres."""
+    pose_m: Float[np.ndarray, "frame number=51"]
+    """MANO's global rotation 3, coefficients of pose components 45 and translation 3."""
+
+    def __len__(self) -> int:
+        return len(self.pose_m)
+
+    def select(self, rows: Int[np.ndarray, " row"]) -> "DexYcbLabels":
+        """Those of some frames."""
+        return DexYcbLabels(self.joint_2d[rows], self.joint_3d[rows], self.pose_m[rows])
+
+    def unlabelled(self) -> dict[str, Bool[np.ndarray, " frame"]]:
+        """Which frames show no hand, by each of the marks that say so."""
+        return {
+            "joint_3d is −1": (self.joint_3d == MISSING).all(axis=(1, 2)),
+            "joint_2d is −1": (self.joint_2d == MISSING).all(axis=(1, 2)),
+            "pose_m is 0": (self.pose_m == 0).all(axis=1),
+        }
+
+
+def read_labels(frames: Frames, name: str, cache: Path | None, workers: int) -> DexYcbLabels:
+    """The labels of frames, in their order.
+
+    They are kept in the cache under a name that depends on the frames and on when each folder of labels
+    last changed. Folders change when files come, go or are replaced by unpacking anew; bytes that were
+    written into a file that stayed are not noticed: delete the cache after that.
+
+    Args:
+        frames: Which.
+        name: Of the split, for the cache's name and messages.
+        cache: Folder of caches; none reads every time.
+        workers: Processes that read; 0 or 1 reads in this one.
+
+    Raises:
+        FileNotFoundError: A folder or file is missing.
+        ValueError: A file is damaged.
+    """
+    if cache is None:
+        return DexYcbLabels(**_read_all(frames, workers))
+    target = cache / f"dexycb-{name}-labels-{labels_fingerprint(frames)}"
+
+    def build(partial: Path) -> None:
+        logger.info("Reading the labels of %d frames of DexYCB %s once", len(frames), name)
+        for column, array in _read_all(frames, workers).items():
+            np.save(partial / f"{column}.npy", array)
+
+    ensure_built(target, build)
+    return DexYcbLabels(
+        **{column: np.load(target / f"{column}.npy", allow_pickle=False) for column in SHAPES}
+    )
+
+
+def labels_fingerprint(frames: Frames) -> str:
+    """Changes with the frames asked for, with a `meta.yml` and with the time of change of a folder.
+
+    Raises:
+        FileNotFoundError: A camera's folder is missing.
+    """
+    metas = [file_identity(grasp.folder / "meta.yml") for grasp in frames.grasps]
+    folders = [(str(task[0]), task[0].stat().st_mtime_ns) for task in _tasks(frames)]
+    wanted = (frames.grasp.tobytes(), frames.camera.tobytes(), frames.number.tobytes())
+    return digest(metas, folders, wanted)
+
+
+def labelled_rows(labels: DexYcbLabels, name: str) -> Int[np.ndarray, " row"]:
+    """The frames that show a labelled hand; how many do not is said aloud.
+
+    Args:
+        labels: Of all frames.
+        name: Of the split, for messages.
+
+    Raises:
+        ValueError: No frame is left.
+    """
+    marks = labels.unlabelled()
+    dropped = np.logical_or.reduce(list(marks.values()))
+    counts = ", ".join(f"{mark}: {int(rows.sum())}" for mark, rows in marks.items())
+    logger.info(
+        "DexYCB %s: dropped %d of %d frames without a labelled hand (all of %s); %d are left.",
+        name, int(dropped.sum()), len(labels), counts, int((~dropped).sum()),
+    )  # fmt: skip
+    scored = int((dropped & ~marks["joint_3d is −1"]).sum())
+    if scored:
+        logger.warning(
+            "DexYCB %s: %d of the dropped frames have joint_3d, which the official evaluation scores, but no "
+            "joint_2d or pose_m. A file of results has to have their ids too.", name, scored,
+        )  # fmt: skip
+    if dropped.all():
+        raise ValueError(
+            f"None of the {len(labels)} frames of DexYCB {name} shows a labelled hand ({counts}). Unpack the "
+            "archives again."
+        )
+    return np.flatnonzero(~dropped)
+
+
+def check_labels(
+    labels: DexYcbLabels, intrinsics: Float[np.ndarray, "frame 3 3"], name: str
+) -> None:
+    """Refuse labels that are not the projections of hands in metres before a camera.
+
+    Args:
+        labels: Of labelled hands; some 20,000 of them are looked at.
+        intrinsics: Of their cameras, pixels.
+        name: Of the split, for messages.
+
+    Raises:
+        ValueError: Most are not.
+    """
+    rows = np.arange(0, len(labels), max(1, len(labels) // _LOOKED_AT))
+    labels, intrinsics = labels.select(rows), intrinsics[rows]
+    points = labels.joint_3d.astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = (points / points[..., 2:]) @ intrinsics.swapaxes(1, 2)
+    missed = np.abs(pixels[..., :2] - labels.joint_2d).max(axis=(1, 2))
+    wrong = ~(missed < _TOO_FAR) | (points[..., 2] <= 0).any(axis=1)
+    if wrong.mean() > 0.5:
+        raise ValueError(
+            f"DexYCB {name}: in {int(wrong.sum())} of {len(labels)} frames joint_2d is not the projection of "
+            f"joint_3d by calibration/intrinsics (median {np.median(missed):.1f} px off). Take labels and "
+            "calibration from one release, at its size of 640 × 480."
+        )
+    palm = float(np.median(np.linalg.norm(points[:, 9] - points[:, 0], axis=-1)))
+    if not 0.04 < palm < 0.2:
+        raise ValueError(
+            f"DexYCB {name}: wrist and middle MCP are {palm:.4g} apart in the median, expected about 0.09: "
+            "joint_3d must be metres, in the order of its toolkit."
+        )
+
+
+Task = tuple[Path, tuple[int, ...]]
+"""The folder of a camera, and the numbers of the frames to read in it."""
+
+
+def _tasks(frames: Frames) -> Iterator[Task]:
+    """The frames, in their order, by folder."""
+    key = frames.grasp * len(SERIALS) + frames.camera
+    starts = np.flatnonzero(np.diff(key, prepend=-1))
+    for start, stop in itertools.pairwise([*starts.tolist(), len(frames)]):
+        grasp = frames.grasps[int(frames.grasp[start])]
+        folder = grasp.folder / SERIALS[int(frames.camera[start])]
+        if not folder.is_dir():
+            raise FileNotFoundError(
+                f"No folder {folder}: every sequence has the pictures of eight cameras. Unpack the archive "
+                "of its subject again."
+            )
+        yield folder, tuple(frames.number[start:stop].tolist())
+
+
+def _read_all(frames: Frames, workers: int) -> dict[str, Float[np.ndarray, "frame ..."]]:
+    arrays = {
+        column: np.empty((len(frames), *shape), np.float32) for column, shape in SHAPES.items()
+    }
+    tasks = list(_tasks(frames))
+    done = 0
+    for part in with_progress(_parts(tasks, workers), len(tasks), "Reading folders of labels"):
+        count = len(part["pose_m"])
+        for column, values in part.items():
+            arrays[column][done : done + count] = values
+        done += count
+    return arrays
+
+
+def _parts(tasks: list[Task], workers: int) -> Iterator[dict[str, np.ndarray]]:
+    """What the folders hold, in order, read here or in processes: threads would wait for each other."""
+    count = sum(len(numbers) for _, numbers in tasks)
+    if workers <= 1 or count < WORTH_PROCESSES:
+        yield from map(_read_folder, tasks)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        try:
+            yield from pool.map(_read_folder, tasks, chunksize=4)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _read_folder(task: Task) -> dict[str, np.ndarray]:
+    folder, numbers = task
+    labels = [_read_label(label_path(folder, number)) for number in numbers]
+    return {column: np.stack([label[column] for label in labels]) for column in SHAPES}
+
+
+def _read_label(path: Path) -> dict[str, np.ndarray]:
+    """The three arrays of a label; the large one, which says what each pixel shows, stays packed.
+
+    Raises:
+        FileNotFoundError: It is missing.
+        ValueError: It is damaged, or something else.
+    """
+    try:
+        # Read at one go: a zip file is otherwise read in a dozen pieces, which is slow over a network.
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
+            label = {column: np.asarray(archive[column]) for column in SHAPES}
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"No {path}, although meta.yml counts it. Unpack the archive of its subject again."
+        ) from error
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise ValueError(
+            f"{path} cannot be read as DexYCB's labels ({error}). Unpack the archive of its subject again."
+        ) from error
+    for column, shape in SHAPES.items():
+        if label[column].shape != (1, *shape):
+            raise ValueError(
+                f"{path} has {column} of shape {list(label[column].shape)}, expected {[1, *shape]}: one hand."
+            )
+    return {column: values[0] for column, values in label.items()}

@@ -1,0 +1,126 @@
+"""DexYCB's setups s0 to s3: who trains, who is tested, and the number of each frame (Sec. 4.1).
+
+A frame's number in a split is its id in files of results: subjects in the split's order, their sequences,
+then cameras, then frames, counted before any label is looked at (NVlabs/dex-ycb-toolkit, `dex_ycb.py`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from hand_recon.data.dexycb.files import SEQUENCES, SERIALS, SUBJECTS, Grasp
+
+SETUPS: Final = {
+    "s0": "all of them seen",
+    "s1": "unseen subjects",
+    "s2": "unseen views",
+    "s3": "unseen things",
+}
+"""What is new in each setup's test frames."""
+
+PARTS: Final = ("train", "val", "test")
+
+_EVERY_SUBJECT: Final = tuple(range(len(SUBJECTS)))
+_EVERY_CAMERA: Final = tuple(range(len(SERIALS)))
+_EVERY_PLACE: Final = tuple(range(SEQUENCES))
+_LAST_OF_FIVE: Final = tuple(place for place in _EVERY_PLACE if place % 5 == 4)
+_THINGS_LEFT_OUT: Final = (3, 7, 11, 15, 19)
+
+
+@dataclass(frozen=True)
+class Split:
+    """A part of a setup."""
+
+    subjects: tuple[int, ...] = _EVERY_SUBJECT
+    """Places in `SUBJECTS`, in the split's order."""
+    places: tuple[int, ...] = _EVERY_PLACE
+    """Places of sequences among a subject's sorted ones."""
+    cameras: tuple[int, ...] = _EVERY_CAMERA
+    """Places in `SERIALS`."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Every frame of a split, in the order of their ids: the entry at a place belongs to that id."""
+
+    grasps: tuple[Grasp, ...]
+    """The sequences of the split."""
+    grasp: Int[np.ndarray, " frame"]
+    """Which of them."""
+    camera: Int[np.ndarray, " frame"]
+    """Place of the camera in `SERIALS`."""
+    number: Int[np.ndarray, " frame"]
+    """Number of the frame in its sequence."""
+
+    def __len__(self) -> int:
+        return len(self.grasp)
+
+    def select(self, rows: Int[np.ndarray, " row"]) -> "Frames":
+        """Some of the frames."""
+        return Frames(self.grasps, self.grasp[rows], self.camera[rows], self.number[rows])
+
+
+def split_named(setup: str, part: str) -> Split:
+    """The members of a part of a setup.
+
+    Raises:
+        ValueError: There is no such setup or part.
+    """
+    if setup not in SETUPS or part not in PARTS:
+        raise ValueError(
+            f"Unknown split {setup!r} {part!r}; the setups are {list(SETUPS)} and their parts {list(PARTS)}."
+        )
+    return _SPLITS[setup][PARTS.index(part)]
+
+
+def enumerate_frames(split: Split, grasps: Sequence[Grasp]) -> Frames:
+    """Number the frames of a split; only `num_frames` of each sequence is needed.
+
+    Args:
+        split: Its members.
+        grasps: All sequences of the split's subjects, in the split's order of subjects.
+    """
+    chosen = tuple(grasp for grasp in grasps if grasp.place in split.places)
+    counts = np.array([grasp.frames for grasp in chosen], dtype=np.int64)
+    cameras = np.array(split.cameras, dtype=np.int64)
+    # One stretch per sequence and camera, cameras outside, frames inside.
+    lengths = np.repeat(counts, len(cameras))
+    starts = np.cumsum(lengths) - lengths
+    return Frames(
+        grasps=chosen,
+        grasp=np.repeat(np.arange(len(chosen)), counts * len(cameras)),
+        camera=np.repeat(np.tile(cameras, len(chosen)), lengths),
+        number=np.arange(lengths.sum()) - np.repeat(starts, lengths),
+    )
+
+
+def _without(places: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(place for place in _EVERY_PLACE if place not in places)
+
+
+def _of_things(things: tuple[int, ...]) -> tuple[int, ...]:
+    """Five sequences in a row show one thing."""
+    return tuple(place for place in _EVERY_PLACE if place // 5 in things)
+
+
+_SPLITS: Final[dict[str, tuple[Split, Split, Split]]] = {
+    "s0": (
+        Split(places=_without(_LAST_OF_FIVE)),
+        Split(subjects=(0, 1), places=_LAST_OF_FIVE),
+        Split(subjects=tuple(range(2, 10)), places=_LAST_OF_FIVE),
+    ),
+    "s1": (
+        Split(subjects=(0, 1, 2, 3, 4, 5, 9)),
+        Split(subjects=(6,)),
+        Split(subjects=(7, 8)),
+    ),
+    "s2": (Split(cameras=(0, 1, 2, 3, 4, 5)), Split(cameras=(6,)), Split(cameras=(7,))),
+    "s3": (
+        Split(places=_without(_of_things(_THINGS_LEFT_OUT))),
+        Split(places=_of_things((3, 19))),
+        Split(places=_of_things((7, 11, 15))),
+    ),
+}

@@ -1,0 +1,100 @@
+"""Refuses HO3D landmarks that cannot be hands before a camera, and says what they are instead.
+
+Wrong axes, orders and units give a dataset that trains without a complaint and is wrong throughout.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from hand_recon.hand.landmark_order import better_order
+from hand_recon.hand.skeleton import ROOT_LANDMARK, landmark_permutation
+
+PROBES: Final = 1000
+"""Frames whose bones are measured."""
+
+PALM: Final = (0.04, 0.2)
+"""Metres from wrist to middle MCP, in the median, that some hand could have; grown hands have 0.1."""
+
+
+def check_landmarks(
+    path: Path,
+    landmarks: Float[np.ndarray, "frame landmark=21 3"],
+    names: list[str],
+) -> None:
+    """Refuse what is not HO3D's.
+
+    Args:
+        path: Where they come from, for messages.
+        landmarks: FreiHAND's order, OpenCV's axes, metres, if they were HO3D's in their file.
+        names: Of the frames.
+
+    Raises:
+        ValueError: They are behind the camera, in another order or unit.
+    """
+    if not len(landmarks):
+        return
+    _check_axes(path, landmarks, names)
+    some = landmarks[:: max(1, len(landmarks) // PROBES)]
+    _check_order(path, some)
+    palm = float(np.median(np.linalg.norm(some[:, ROOT_LANDMARK] - some[:, 0], axis=-1)))
+    if not PALM[0] < palm < PALM[1]:
+        raise ValueError(
+            f"{path}: from the wrist to the middle finger's MCP it is {palm:.4g} in the median, expected "
+            "about 0.1: the unit must be metres."
+        )
+
+
+def check_wrists_inside(
+    path: Path,
+    wrists: Float[np.ndarray, "frame 2"],
+    size: tuple[int, int],
+) -> None:
+    """Refuse cameras that do not belong to the pictures.
+
+    Args:
+        path: Where the cameras come from, for messages.
+        wrists: Their projections, pixels.
+        size: Width and height of the pictures.
+
+    Raises:
+        ValueError: Most wrists are outside.
+    """
+    outside = np.any((wrists < 0) | (wrists > np.array(size)), axis=-1)
+    if outside.mean() > 0.5:
+        raise ValueError(
+            f"{path}: {int(outside.sum())} of {len(outside)} wrists project outside their pictures of "
+            f"{size[0]} × {size[1]} pixels. The camera matrices (camMat) must be those of the pictures as "
+            "they are on the disk: do not resize them."
+        )
+
+
+def _check_axes(
+    path: Path, landmarks: Float[np.ndarray, "frame landmark=21 3"], names: list[str]
+) -> None:
+    behind = np.any(landmarks[..., 2] <= 0, axis=1)
+    if not behind.any():
+        return
+    if np.median(landmarks[..., 2]) < 0:
+        raise ValueError(
+            f"{path}: {int(behind.sum())} of {len(behind)} hands are behind the camera once y and z have "
+            "been turned round, as HO3D's OpenGL axes need. Are they in OpenCV's axes (z > 0) already? Then "
+            "multiply y and z by −1: this loader expects HO3D's own."
+        )
+    first = ", ".join(names[row] for row in np.flatnonzero(behind)[:5])
+    raise ValueError(
+        f"{path}: {int(behind.sum())} of {len(behind)} hands have landmarks behind the camera; the first are "
+        f"{first}. Take them out of the list of frames."
+    )
+
+
+def _check_order(path: Path, landmarks: Float[np.ndarray, "frame landmark=21 3"]) -> None:
+    in_file = landmarks[:, list(landmark_permutation("freihand", "ho3d"))]
+    order = better_order(in_file, "ho3d")
+    if order is not None:
+        raise ValueError(
+            f"{path}: the landmarks are not in HO3D's order but look to be in that of {order!r}: in it, "
+            f"bones are shorter. Reorder them by landmarks[{list(landmark_permutation(order, 'ho3d'))}]."
+        )

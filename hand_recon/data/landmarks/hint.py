@@ -1,0 +1,129 @@
+"""HInt: hands in the wild with 2D landmarks that say which of them are hidden (Pavlakos et al., CVPR 2024).
+
+A folder of `<name>_l.jpg` and `<name>_l.json` pairs; `_l` or `_r` is the hand's side, and both hands of a
+picture have a pair each. A JSON file is a list of `{bbox: [[left, top, right, bottom]], keypoints: 21 × 2,
+occlusion: 21}`, in FreiHAND's order, occlusion 1 for a keypoint that is labelled but cannot be seen. The
+archive has folders named `TRAIN_…`, `VAL_…` and `TEST_…`; those of Ego4D come without their pictures.
+"""
+
+import json
+import logging
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_landmark_set
+
+logger = logging.getLogger(__name__)
+
+SPLITS: Final = ("train", "val", "test")
+"""What folders of the archive begin with, in capitals."""
+
+SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+"""How a picture's name may end."""
+
+_SIDES: Final = {"l": "left", "r": "right"}
+
+
+def folders_of(root: Path, split: str) -> list[Path]:
+    """The folders of the archive that hold a split; none if the root is not the archive's, or has none.
+
+    Args:
+        root: Any folder.
+        split: One of `SPLITS`.
+    """
+    return sorted(
+        folder for folder in root.iterdir()
+        if folder.is_dir() and folder.name.upper().startswith(f"{split.upper()}_")
+    )  # fmt: skip
+
+
+def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = None) -> LandmarkSet:
+    """The hands of a folder, or of a split of the whole archive.
+
+    Hands whose picture is not there are left out aloud.
+
+    Args:
+        root: The unpacked archive, or one of its folders.
+        split: One of `SPLITS`; of one folder of pairs everything is read.
+        assumed: What is taken for granted where a file's name does not tell it.
+
+    Raises:
+        FileNotFoundError: There is no such folder, or no hand with a picture in it.
+        ValueError: A file holds something else.
+    """
+    if not root.is_dir():
+        raise FileNotFoundError(f"No folder {root} with pairs of pictures and JSON files.")
+    is_archive = any(folders_of(root, name) for name in SPLITS)
+    folders = folders_of(root, split) if is_archive else [root]
+    files = sorted(path for folder in folders for path in folder.rglob("*.json"))
+    pairs = [(path, _picture(path)) for path in files]
+    shown = [(path, picture) for path, picture in pairs if picture is not None]
+    if len(shown) < len(pairs):
+        logger.warning(
+            "%s: %d of %d hands are left out, as there are no pictures beside them (Ego4D's have to be "
+            "fetched under its own licence).",
+            root, len(pairs) - len(shown), len(pairs),
+        )  # fmt: skip
+    if not shown:
+        raise FileNotFoundError(
+            f"No pair of a picture and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
+            "VAL_… and TEST_…, or one of them."
+        )
+    return to_landmark_set(root / "*.json", _parsed(shown), assumed or Assumptions(side=None))
+
+
+def _picture(path: Path) -> Path | None:
+    candidates = (path.with_suffix(suffix) for suffix in SUFFIXES)
+    return next((picture for picture in candidates if picture.is_file()), None)
+
+
+def _parsed(pairs: Sequence[tuple[Path, Path]]) -> ParsedHands:
+    points, boxes, occluded, sides, images = [], [], [], [], []
+    for path, picture in pairs:
+        for entry in _entries(path):
+            points.append(_numbers(path, entry, "keypoints", (21, 2)))
+            boxes.append(_numbers(path, entry, "bbox", (4,)))
+            occluded.append(_numbers(path, entry, "occlusion", (21,)) > 0.5)
+            sides.append(_side(path))
+            images.append(str(picture.absolute()))
+    return ParsedHands(
+        points=np.array(points).reshape(-1, 21, 2),
+        sides=sides,
+        names=[Path(image).stem for image in images],
+        images=images,
+        boxes=np.array(boxes).reshape(-1, 4),
+        occluded=np.array(occluded, dtype=bool).reshape(-1, 21),
+    )
+
+
+def _entries(path: Path) -> list[dict[str, Any]]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except ValueError as error:
+        raise ValueError(f"{path} is not complete JSON ({error}).") from error
+    entries = content if isinstance(content, list) else [content]
+    for entry in entries:
+        if not isinstance(entry, dict) or "keypoints" not in entry:
+            raise ValueError(
+                f"{path} is none of HInt's: expected a list of objects with `bbox`, `keypoints` and "
+                "`occlusion`."
+            )
+    return entries
+
+
+def _numbers(path: Path, entry: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        return np.array(entry[key], dtype=np.float64).reshape(shape)
+    except (KeyError, ValueError, TypeError) as error:
+        expected = " × ".join(map(str, shape))
+        raise ValueError(f"{path}: `{key}` must be {expected} numbers ({error}).") from error
+
+
+def _side(path: Path) -> str | None:
+    match = re.search(r"_([lr])$", path.stem)
+    return None if match is None else _SIDES[match.group(1)]

@@ -1,0 +1,267 @@
+"""Several datasets as one: training hands drawn with weights, scores on one of the datasets (Sec. 4.1).
+
+An epoch has a fixed number of hands of each dataset, in an order that follows from the seed and the epoch
+alone. No hand comes twice in an epoch before all of its dataset have come once.
+"""
+
+import logging
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.utils.data import DataLoader, Sampler
+
+from hand_recon.camera import default_intrinsics
+from hand_recon.data.augment import Augmentation
+from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.schema import HandParameters, HandSample
+
+logger = logging.getLogger(__name__)
+
+
+class MixedHands:
+    """The hands of several datasets one after the other, each with all that any of them has.
+
+    A batch is stacked, and knows only what all of its hands know: so hands without a camera get the one that
+    a reconstructor would assume (`docs/conventions.md`, camera), and hands without ground truth one that is
+    unknown (NaN) if others have it. Surfaces are left out: they are for evaluation, and datasets differ in
+    theirs.
+    """
+
+    def __init__(self, parts: Mapping[str, HandDataset]) -> None:
+        """Look at one hand of each dataset.
+
+        Args:
+            parts: By name.
+        """
+        self.parts = dict(parts)
+        self.sizes = [len(part) for part in self.parts.values()]
+        self.starts = [sum(self.sizes[:place]) for place in range(len(self.sizes))]
+        self.has_3d = any(part[0].landmarks_3d is not None for part in self.parts.values())
+
+    def __len__(self) -> int:
+        return sum(self.sizes)
+
+    def __getitem__(self, index: int) -> HandSample:
+        """The hand at a position, called by its dataset's name.
+
+        Raises:
+            IndexError: There is no such position.
+        """
+        if not 0 <= index < len(self):
+            raise IndexError(f"Sample {index} of {len(self)}.")
+        place = max(place for place, start in enumerate(self.starts) if start <= index)
+        name, start = list(self.parts)[place], self.starts[place]
+        sample = self.parts[name][index - start]
+        # The picture that was asked for may be damaged: another one's number is that one's.
+        sample = replace(
+            sample,
+            index=start + sample.index,
+            source=f"{name}: {sample.source}",
+            vertices=None,
+        )
+        return self._completed(sample)
+
+    def _completed(self, sample: HandSample) -> HandSample:
+        if sample.intrinsics is None:
+            # Without a picture, a crop is of the reference size.
+            size = sample.image.shape[-1]
+            if size:
+                camera = default_intrinsics(size, sample.landmarks_2d)
+                sample = replace(sample, intrinsics=camera)
+        if self.has_3d and sample.landmarks_3d is None:
+            sample = replace(sample, landmarks_3d=torch.full((21, 3), torch.nan))
+        return sample
+
+
+class WeightedShuffle(Sampler[int]):
+    """Positions of an epoch: so many of each part, shuffled, from the seed and the epoch alone."""
+
+    def __init__(self, sizes: Sequence[int], counts: Sequence[int], seed: int) -> None:
+        """Fix how many come from each part.
+
+        Args:
+            sizes: Hands of each part, which lie one after the other.
+            counts: Hands of each part in an epoch; more than it has come several times.
+            seed: Of the order.
+        """
+        self.sizes = tuple(sizes)
+        self.counts = tuple(counts)
+        self.seed = seed
+        self.epoch = 0
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the order; Lightning calls this at the start of each epoch."""
+        self.epoch = epoch
+
+    def __iter__(self) -> Iterator[int]:
+        place = repr((self.seed, self.epoch)).encode()
+        generator = torch.Generator().manual_seed(zlib.crc32(place))
+        drawn, start = [], 0
+        for size, count in zip(self.sizes, self.counts, strict=True):
+            rounds = -(-count // size)
+            orders = [torch.randperm(size, generator=generator) for _ in range(rounds)]
+            drawn += [start + torch.cat(orders)[:count]] if rounds else []
+            start += size
+        every = torch.cat(drawn)
+        yield from every[torch.randperm(len(every), generator=generator)].tolist()
+
+    def __len__(self) -> int:
+        return sum(self.counts)
+
+
+def shares(weights: Sequence[float], total: int) -> list[int]:
+    """A whole number for each weight, in proportion and with the given sum (largest remainders).
+
+    Args:
+        weights: Not negative, at least one positive.
+        total: What they are to sum to.
+    """
+    exact = [weight * total / sum(weights) for weight in weights]
+    counts = [int(value) for value in exact]
+    by_remainder = sorted(range(len(exact)), key=lambda place: counts[place] - exact[place])
+    for place in by_remainder[: total - sum(counts)]:
+        counts[place] += 1
+    return counts
+
+
+class MixtureDataModule(HandDataModule):
+    """Trains on several datasets at once, validates and tests on one of them.
+
+    Batch size, loading processes, order and augmentation are the mixture's; those of its parts are not used.
+    """
+
+    def __init__(
+        self,
+        parts: Mapping[str, HandDataModule],
+        *,
+        weights: Mapping[str, float] | None = None,
+        epoch_size: int | None = None,
+        score_on: str | None = None,
+        landmarks: str | None = None,
+        batch_size: int = 64,
+        workers: int = 0,
+        augmentation: Augmentation | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Remember what to mix.
+
+        Args:
+            parts: Datasets by name, with crops of one size.
+            weights: Share of each dataset in the hands of an epoch, in any unit; none weighs them by size.
+            epoch_size: Hands in an epoch; none takes as many as there are.
+            score_on: The part whose validation and test hands are used; none takes the first.
+            landmarks: The hand's landmark set that is learnt; none takes that of the part that is scored.
+            batch_size: Hands per batch and process.
+            workers: Loading processes.
+            augmentation: Applied to training batches of all parts.
+            seed: Fixes the order of samples and the augmentation.
+
+        Raises:
+            ValueError: Names do not match, crops differ in size, or weights or the epoch are empty.
+        """
+        self.parts = dict(parts)
+        self.score_on = score_on or next(iter(self.parts), "")
+        self.weights = dict(weights) if weights is not None else None
+        self.epoch_size = epoch_size
+        self._check()
+        scored = self.parts[self.score_on]
+        self.landmarks = landmarks or scored.landmarks
+        self._warn_of_landmark_sets()
+        # What is reported are scores on this dataset.
+        self.name = scored.name
+        super().__init__(
+            self._mixed,
+            partial(scored.dataset, "val"),
+            partial(scored.dataset, "test"),
+            crop_size=scored.crop_size,
+            batch_size=batch_size,
+            workers=workers,
+            augmentation=augmentation,
+            seed=seed,
+        )
+
+    def train_dataloader(self) -> DataLoader[HandSample]:
+        """Batches of equal size, mixed; fewer samples than one batch make a smaller batch."""
+        counts = self.counts()
+        for name, count in counts.items():
+            logger.info("%s: %d of %d hands of an epoch.", name, count, sum(counts.values()))
+        sizes = [len(part.dataset("train")) for part in self.parts.values()]
+        sampler = WeightedShuffle(sizes, list(counts.values()), self.seed)
+        batch_size = min(self.batch_size, len(sampler))
+        if batch_size < self.batch_size:
+            logger.warning(
+                "An epoch has %d hands, fewer than batch_size=%d: batches have %d instead.",
+                len(sampler), self.batch_size, batch_size,
+            )  # fmt: skip
+        return self._loader("train", batch_size, sampler=sampler, drop_last=True)
+
+    def counts(self) -> dict[str, int]:
+        """Hands of each part in an epoch."""
+        sizes = {name: len(part.dataset("train")) for name, part in self.parts.items()}
+        weights = self.weights or {name: float(size) for name, size in sizes.items()}
+        total = self.epoch_size or sum(sizes.values())
+        return dict(zip(sizes, shares([weights[name] for name in sizes], total), strict=True))
+
+    def train_ground_truth(
+        self, limit: int | None = None
+    ) -> (
+        tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
+    ):
+        """That of the part that is scored: a baseline is of one dataset."""
+        return self.parts[self.score_on].train_ground_truth(limit)
+
+    def ground_truth_dataset(self) -> HandDataset:
+        """That of the part that is scored."""
+        return self.parts[self.score_on].ground_truth_dataset()
+
+    def train_parameters(self, limit: int | None = None) -> HandParameters | None:
+        """Pose and shape of the training hands of all parts that know them."""
+        known = [part.train_parameters(limit) for part in self.parts.values()]
+        found = [parameters for parameters in known if parameters is not None]
+        if not found:
+            return None
+        joined = HandParameters.join(found)
+        total = len(joined.shape)
+        count = min(limit or total, total)
+        return joined.select(torch.arange(count) * total // count)
+
+    def _mixed(self) -> MixedHands:
+        return MixedHands({name: part.dataset("train") for name, part in self.parts.items()})
+
+    def _check(self) -> None:
+        if not self.parts:
+            raise ValueError(
+                "A mixture needs parts; conf/data/mixture.yaml shows how to name them."
+            )
+        if self.score_on not in self.parts:
+            raise ValueError(f"score_on={self.score_on} is none of the parts {sorted(self.parts)}.")
+        weights = self.weights
+        if weights is not None and weights.keys() != self.parts.keys():
+            raise ValueError(
+                f"There are weights for {sorted(weights)} and parts {sorted(self.parts)}; give each part one."
+            )
+        if weights is not None and (min(weights.values()) < 0 or not sum(weights.values()) > 0):
+            raise ValueError(
+                f"The weights {weights} must not be negative, and one must be positive."
+            )
+        if self.epoch_size is not None and self.epoch_size < 1:
+            raise ValueError(f"epoch_size={self.epoch_size} must be at least 1, or null for all.")
+        sizes = {name: part.crop_size for name, part in self.parts.items()}
+        if len(set(sizes.values())) > 1:
+            raise ValueError(
+                f"The parts' crops differ in size, {sizes}; set one crop_size for all of them."
+            )
+
+    def _warn_of_landmark_sets(self) -> None:
+        for name, part in self.parts.items():
+            if part.landmarks != self.landmarks:
+                logger.warning(
+                    "The labels of %s are where landmarks=%s has them, and the model learns landmarks=%s: "
+                    "on the open hand they differ by up to 14 mm at the MCPs. It learns a compromise.",
+                    name, part.landmarks, self.landmarks,
+                )  # fmt: skip
