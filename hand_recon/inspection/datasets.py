@@ -90,7 +90,8 @@ def _folders(folder: Path, depth: int) -> Iterator[Path]:
 def _freihand(root: Path) -> list[Finding]:
     findings = []
     for part, (expected, archive) in FREIHAND.items():
-        if not (root / f"{part}_xyz.json").is_file():
+        # HO3D's ground truth has the same name, but no list of cameras.
+        if not all((root / f"{part}_{kind}.json").is_file() for kind in ("xyz", "K")):
             continue
         pictures = root / part / "rgb"
         if not pictures.is_dir() and part == "evaluation":

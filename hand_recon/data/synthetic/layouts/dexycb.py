@@ -19,6 +19,8 @@ from jaxtyping import Float, Int, UInt8
 from hand_recon.data.dexycb.files import SEQUENCES, SERIALS, SIZE, SUBJECTS, label_path
 from hand_recon.data.dexycb.surfaces import ManoPair
 from hand_recon.data.synthetic.gestures import sample_pose
+from hand_recon.hand.anatomical_frame import joint_rotations
+from hand_recon.hand.axis_angle import mirror_axis_angle, rotation_to_axis_angle
 from hand_recon.hand.open_hand import open_hand
 
 HAND: Final = 255
@@ -171,7 +173,7 @@ def _make_hand(
     if mano is None:
         return _make_open_hand(random, side, rotation, place)
     layer = mano.layer(side == "left")
-    pose_m = np.concatenate([rotation, random.normal(scale=0.3, size=45), place])
+    pose_m = np.concatenate([rotation, _natural_coefficients(random, mano, side), place])
     label, shape = torch.from_numpy(pose_m).float(), torch.from_numpy(betas).float()
     with torch.no_grad():
         hand = layer(*mano.parameters(label, shape, side == "left"))
@@ -180,6 +182,22 @@ def _make_hand(
     parts = (points.numpy().astype(float) for points in (hand.vertices, hand.landmarks))
     vertices, landmarks = parts
     return _Hand(vertices, faces, landmarks, pose_m, wrist.astype(float))
+
+
+def _natural_coefficients(
+    random: np.random.Generator, mano: ManoPair, side: str
+) -> Float[np.ndarray, " component=45"]:
+    """A gesture as DexYCB writes a pose: coefficients of MANO's components about its mean."""
+    right = mano.right.hand
+    angles = torch.from_numpy(sample_pose(random)).to(right.frames)
+    turns = rotation_to_axis_angle(joint_rotations(angles, right.frames, right.rest_angles))
+    if side == "left":
+        turns = mirror_axis_angle(turns)
+    layer = mano.layer(side == "left")
+    residual = (turns.flatten() - layer.hands_mean).double()
+    # The components are a full basis, so that every pose has its coefficients.
+    coefficients = torch.linalg.solve(layer.hands_components.double().mT, residual)
+    return np.asarray(coefficients.numpy())
 
 
 def _make_open_hand(
