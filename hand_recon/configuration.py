@@ -159,9 +159,9 @@ def build_data(config: DictConfig) -> HandDataModule:
         OmegaConf.to_container(config.data, resolve=True, throw_on_missing=True)
     except MissingMandatoryValue as error:
         raise ValueError(
-            f"{str(error).splitlines()[0]} Give it on the command line, for example "
-            "`data=freihand data.root=/path/to/FreiHAND_pub_v2`; data/README.md tells where each "
-            "dataset comes from."
+            f"{str(error).splitlines()[0]}. Give it on the command line, for example "
+            "`data=freihand data.root=/path/to/FreiHAND_pub_v2` or `data=landmarks data.train=labels.json`; "
+            "data/README.md tells where each dataset comes from."
         ) from error
     data: HandDataModule = instantiate(config.data)
     return data

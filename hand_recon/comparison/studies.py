@@ -13,7 +13,7 @@ Setting = tuple[str, str]
 
 @dataclass(frozen=True)
 class Compared:
-    """How settings are read: by the beginning of their dotted name, up to a dot."""
+    """How settings are read: by the beginning of their dotted name, up to a dot; `*` is any one part."""
 
     method: tuple[str, ...]
     """What makes a row: the prior, the data term, the supervision."""
@@ -157,4 +157,10 @@ def _importance(study: Study) -> tuple[int, int, str]:
 
 
 def _begins(name: str, prefixes: Iterable[str]) -> bool:
-    return any(name == prefix or name.startswith(f"{prefix}.") for prefix in prefixes)
+    """Whether a dotted name begins with one of some others, in which `*` is any one part."""
+    parts = name.split(".")
+    return any(
+        len(wanted) <= len(parts)
+        and all(one in ("*", part) for one, part in zip(wanted, parts[: len(wanted)], strict=True))
+        for wanted in (prefix.split(".") for prefix in prefixes)
+    )

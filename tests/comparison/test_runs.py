@@ -1,5 +1,6 @@
 """Folders of runs are found, read, and refused with a reason; hands are matched by their index."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -80,3 +81,22 @@ def test_a_row_whose_seeds_do_not_all_know_their_hands_has_no_interval(tmp_path:
     row = study.row("ablation_row1")
     assert row is not None
     assert hand_means("E_J", row) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "ignored"),
+    [
+        ("data.parts.freihand.seed", True),
+        ("data.parts.more.reading.workers", True),
+        ("data.parts.freihand.root", False),
+        ("data.seeds", False),
+        ("data.parts.seed", False),
+        ("data", False),
+    ],
+)
+def test_a_star_is_one_part_of_a_settings_name(tmp_path: Path, name: str, ignored: bool) -> None:
+    folder = fitted(tmp_path / "run", 1)
+    run = finished(folder)
+    compared = Compared((), ("data.parts.*.seed", "data.parts.*.reading"))
+    with_setting = dataclasses.replace(run, settings={name: "1"})
+    assert ((name, "1") not in compared.study_of(with_setting)) == ignored
