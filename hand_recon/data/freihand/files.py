@@ -6,7 +6,6 @@ al., ICCV 2019, version 2).
 """
 
 import logging
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.data.cache import digest
+from hand_recon.data.freihand.pictures import ARCHIVES, NumberedPictures, list_pictures
 from hand_recon.data.json_arrays import load_json_array
 
 logger = logging.getLogger(__name__)
@@ -22,32 +22,8 @@ logger = logging.getLogger(__name__)
 VERSIONS: Final = ("gs", "hom", "sample", "auto")
 """Green screen and three recolourings: image i + N·v is version v of hand i."""
 
-ARCHIVES: Final = {"training": "FreiHAND_pub_v2.zip", "evaluation": "FreiHAND_pub_v2_eval.zip"}
-"""Which download holds each part's annotations."""
-
 MANO_TIPS: Final = (744, 320, 443, 555, 672)
 """Vertices at which FreiHAND's labels put the fingertips, thumb first, on MANO's surface."""
-
-SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""Kinds of picture that are read; one folder holds one kind."""
-
-
-@dataclass(frozen=True)
-class NumberedPictures:
-    """Pictures named by their number."""
-
-    folder: Path
-    """Where they are."""
-    suffix: str
-    """How their names end."""
-    count: int
-    """How many there are, numbered from zero."""
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __getitem__(self, number: int) -> Path:
-        return self.folder / f"{number:08d}{self.suffix}"
 
 
 @dataclass(frozen=True)
@@ -130,7 +106,7 @@ def open_part(
         scale = load_list(root, part, "scale", (len(landmarks),), cache_dir)
         _check_scale(root / f"{part}_scale.json", landmarks, scale)
     rgb = (rgb_root or root) / part / "rgb"
-    suffix, count, fingerprint = _list_images(rgb)
+    suffix, count, fingerprint = list_pictures(rgb)
     allowed = len(VERSIONS) if part == "training" else 1
     if count not in [len(landmarks) * versions for versions in range(1, allowed + 1)]:
         multiples = "once to four times" if allowed > 1 else "exactly"
@@ -221,36 +197,6 @@ def _missing(root: Path, name: str, part: str) -> str:
         f"No {name} in {root}. It is part of {ARCHIVES[part]}: unpack that there, or write it in "
         "the same format for your own pictures (data/README.md)."
     )
-
-
-def _list_images(rgb: Path) -> tuple[str, int, str]:
-    """Suffix, number and fingerprint of the pictures, which must be numbered without gaps."""
-    if not rgb.is_dir():
-        raise FileNotFoundError(
-            f"No folder {rgb}. It holds the pictures 00000000.jpg, 00000001.jpg and so on: unpack "
-            f"{ARCHIVES['training']} again."
-        )
-    found: dict[str, tuple[int, int]] = {}
-    with os.scandir(rgb) as entries:
-        for entry in entries:
-            if entry.name.lower().endswith(SUFFIXES):
-                status = entry.stat()
-                found[entry.name] = (status.st_size, status.st_mtime_ns)
-    suffixes = {Path(name).suffix for name in found}
-    if len(suffixes) != 1:
-        raise ValueError(
-            f"{rgb} holds pictures of {len(suffixes)} kinds {sorted(suffixes)}; expected one kind, "
-            f"named 00000000.jpg onwards. Convert them to one of {list(SUFFIXES)}."
-        )
-    suffix = suffixes.pop()
-    for index in range(len(found)):
-        if f"{index:08d}{suffix}" not in found:
-            raise FileNotFoundError(
-                f"{rgb / f'{index:08d}{suffix}'} is missing: {len(found)} images must be numbered "
-                f"from 00000000 to {len(found) - 1:08d} without a gap. Unpack the archive again, "
-                "or rename your own pictures."
-            )
-    return suffix, len(found), digest(str(rgb.resolve()), sorted(found.items()))
 
 
 def _check_shape(path: Path, array: np.ndarray, shape: tuple[int | None, ...]) -> None:

@@ -5,7 +5,6 @@ hundred sequences each, eight cameras around a hand. Depth, things and their mod
 drawn by painting their triangles from back to front, which takes milliseconds.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,12 +12,17 @@ from typing import Any, Final
 import cv2
 import numpy as np
 import torch
-import yaml
 from jaxtyping import Float, Int, UInt8
 
 from hand_recon.data.dexycb.files import SEQUENCES, SERIALS, SIZE, SUBJECTS, label_path
 from hand_recon.data.dexycb.surfaces import ManoPair
 from hand_recon.data.synthetic.gestures import sample_pose
+from hand_recon.data.synthetic.layouts.dexycb_cameras import (
+    EXTRINSICS,
+    Cameras,
+    write_cameras,
+    write_yaml,
+)
 from hand_recon.hand.anatomical_frame import joint_rotations
 from hand_recon.hand.axis_angle import mirror_axis_angle, rotation_to_axis_angle
 from hand_recon.hand.open_hand import open_hand
@@ -29,13 +33,7 @@ HAND: Final = 255
 BACKGROUND: Final = (70, 90, 110)
 """Colour behind the hand, whose red is always more."""
 
-_EXTRINSICS: Final = "20200702_151821"
-"""Name of the only arrangement of the cameras."""
-
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])
-
-_DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""Ten times as fast where libyaml is there."""
 
 _LIGHT: Final = np.array([0.3, -0.5, -0.81])
 
@@ -101,14 +99,14 @@ def write_dexycb_layout(root: Path, folder: DexYcbFolder) -> None:
     if root.exists() and any(root.iterdir()):
         raise FileExistsError(f"{root} is not empty; choose another root.")
     random = np.random.default_rng(folder.seed)
-    cameras = _write_cameras(root / "calibration", random)
+    cameras = write_cameras(root / "calibration", random)
     for subject in folder.subjects:
         name = SUBJECTS[subject]
         betas = {side: random.normal(scale=0.7, size=10) for side in ("right", "left")}
         ids = {side: f"{name[:8]}_140000_{name[9:]}_{side}" for side in betas}
         for side, numbers in betas.items():
             path = root / "calibration" / f"mano_{ids[side]}" / "mano.yml"
-            _write_yaml(path, {"betas": numbers.tolist()})
+            write_yaml(path, {"betas": numbers.tolist()})
         for place in range(SEQUENCES):
             # At random: a loader that takes the side from the place is caught.
             side = str(random.choice(["right", "left"]))
@@ -119,45 +117,6 @@ def write_dexycb_layout(root: Path, folder: DexYcbFolder) -> None:
                 drawn = np.random.default_rng([folder.seed, subject, place])
                 hands = [_make_hand(drawn, side, betas[side], folder.mano) for _ in range(frames)]
                 _write_sequence(sequence, hands, cameras, place + 1, folder.unlabelled)
-
-
-@dataclass(frozen=True)
-class _Cameras:
-    """The eight cameras."""
-
-    intrinsics: Float[np.ndarray, "camera=8 3 3"]
-    poses: Float[np.ndarray, "camera=8 3 4"]
-    """From the camera's frame to the world's."""
-
-
-def _write_cameras(folder: Path, random: np.random.Generator) -> _Cameras:
-    height, width = SIZE
-    intrinsics, poses = np.tile(np.eye(3), (8, 1, 1)), np.empty((8, 3, 4))
-    for camera, serial in enumerate(SERIALS):
-        focal = 615.0 + random.uniform(-5, 5, size=2)
-        centre = np.array([width, height]) / 2 + random.uniform(-8, 8, size=2)
-        intrinsics[camera, [0, 1], [0, 1]], intrinsics[camera, :2, 2] = focal, centre
-        numbers = dict(zip(("fx", "fy", "ppx", "ppy"), [*focal, *centre], strict=True))
-        numbers = {name: float(value) for name, value in numbers.items()}
-        path = folder / "intrinsics" / f"{serial}_{width}x{height}.yml"
-        _write_yaml(path, {"color": numbers, "depth": numbers})
-        poses[camera] = _looking_inwards(camera * 2 * np.pi / len(SERIALS), random.uniform(0.2, 1))
-    extrinsics = {
-        serial: pose.ravel().tolist() for serial, pose in zip(SERIALS, poses, strict=True)
-    }
-    extrinsics["apriltag"] = np.eye(3, 4).ravel().tolist()
-    path = folder / f"extrinsics_{_EXTRINSICS}" / "extrinsics.yml"
-    _write_yaml(path, {"extrinsics": extrinsics, "master": SERIALS[2]})
-    return _Cameras(intrinsics, poses)
-
-
-def _looking_inwards(azimuth: float, elevation: float) -> Float[np.ndarray, "3 4"]:
-    """The pose of a camera 0.8 m from the origin that looks at it, upright; the world's z is up."""
-    level = np.cos(elevation)
-    out = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
-    right = np.cross(-out, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.column_stack([right, np.cross(-out, right), -out, 0.8 * out])
 
 
 def _make_hand(
@@ -224,17 +183,17 @@ def _write_meta(folder: Path, frames: int, side: str, calibration: str) -> None:
     meta = {
         "serials": list(SERIALS),
         "num_frames": frames,
-        "extrinsics": _EXTRINSICS,
+        "extrinsics": EXTRINSICS,
         "ycb_ids": [1],
         "ycb_grasp_ind": 0,
         "mano_sides": [side],
         "mano_calib": [calibration],
     }
-    _write_yaml(folder / "meta.yml", meta)
+    write_yaml(folder / "meta.yml", meta)
 
 
 def _write_sequence(
-    folder: Path, hands: list[_Hand], cameras: _Cameras, first: int, unlabelled: int
+    folder: Path, hands: list[_Hand], cameras: Cameras, first: int, unlabelled: int
 ) -> None:
     """All pictures of a sequence.
 
@@ -310,8 +269,3 @@ def _project(
     points: Float[np.ndarray, "point 3"], intrinsics: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "point 2"]:
     return np.asarray(((points / points[:, 2:]) @ intrinsics.T)[:, :2])
-
-
-def _write_yaml(path: Path, content: Mapping[str, object]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.dump(dict(content), Dumper=_DUMPER), encoding="utf-8")

@@ -1,0 +1,67 @@
+"""FreiHAND's pictures: numbered without gaps, of one kind."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from hand_recon.data.cache import digest
+
+ARCHIVES: Final = {"training": "FreiHAND_pub_v2.zip", "evaluation": "FreiHAND_pub_v2_eval.zip"}
+"""Which download holds each part's annotations."""
+
+SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+"""Kinds of picture that are read; one folder holds one kind."""
+
+
+@dataclass(frozen=True)
+class NumberedPictures:
+    """Pictures named by their number."""
+
+    folder: Path
+    """Where they are."""
+    suffix: str
+    """How their names end."""
+    count: int
+    """How many there are, numbered from zero."""
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, number: int) -> Path:
+        return self.folder / f"{number:08d}{self.suffix}"
+
+
+def list_pictures(rgb: Path) -> tuple[str, int, str]:
+    """Suffix, number and fingerprint of the pictures in a folder.
+
+    Raises:
+        FileNotFoundError: The folder or a picture is missing.
+        ValueError: There are pictures of several kinds, or none.
+    """
+    if not rgb.is_dir():
+        raise FileNotFoundError(
+            f"No folder {rgb}. It holds the pictures 00000000.jpg, 00000001.jpg and so on: unpack "
+            f"{ARCHIVES['training']} again."
+        )
+    found: dict[str, tuple[int, int]] = {}
+    with os.scandir(rgb) as entries:
+        for entry in entries:
+            if entry.name.lower().endswith(SUFFIXES):
+                status = entry.stat()
+                found[entry.name] = (status.st_size, status.st_mtime_ns)
+    suffixes = {Path(name).suffix for name in found}
+    if len(suffixes) != 1:
+        raise ValueError(
+            f"{rgb} holds pictures of {len(suffixes)} kinds {sorted(suffixes)}; expected one kind, "
+            f"named 00000000.jpg onwards. Convert them to one of {list(SUFFIXES)}."
+        )
+    suffix = suffixes.pop()
+    for index in range(len(found)):
+        if f"{index:08d}{suffix}" not in found:
+            raise FileNotFoundError(
+                f"{rgb / f'{index:08d}{suffix}'} is missing: {len(found)} images must be numbered "
+                f"from 00000000 to {len(found) - 1:08d} without a gap. Unpack the archive again, "
+                "or rename your own pictures."
+            )
+    return suffix, len(found), digest(str(rgb.resolve()), sorted(found.items()))
