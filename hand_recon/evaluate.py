@@ -8,7 +8,7 @@ python -m hand_recon.evaluate predictions=pred.json protocol=freihand ground_tru
 
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import hydra
 import lightning
@@ -25,14 +25,21 @@ from hand_recon.configuration import (
     use_cache,
 )
 from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.picture_hands import PictureHands
 from hand_recon.evaluation.protocols import PROTOCOLS, Protocol, protocol_named
-from hand_recon.predicting import predict_test
+from hand_recon.evaluation.submission import rooted
+from hand_recon.predicting import benchmark_of, predict_test
 from hand_recon.progress import quiet_libraries
 from hand_recon.results import Run, finish_run, write_json
 from hand_recon.score_predictions import Request, print_scores, score_predictions, submit
 from hand_recon.training import HandReconstruction
 
 logger = logging.getLogger(__name__)
+
+STANDING_IN: Final = {
+    "crop_size": 224, "seed": 0, "workers": 0, "hand": {"_target_": "hand_recon.hand.open_hand.open_hand"},
+}  # fmt: skip
+"""What a dataset's configuration refers to, where no model is there to say it and no picture is read."""
 
 
 def evaluate(config: DictConfig) -> dict[str, Any]:
@@ -74,29 +81,42 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     data = build_data(trained)
     check_input(loaded.module, data)
     protocol = None if config.protocol is None else protocol_named(config.protocol)
+    if protocol is not None:
+        # Before anything is predicted.
+        benchmark_of(data, protocol)
     metrics = finish_run(Run(trained, folder, loaded.module, data, mean, facts))
     if protocol is not None:
-        metrics["official"] = _submit(loaded.module, data, protocol, folder)
+        metrics["official"] = _submit(loaded.module, data, protocol, folder, _device(config))
         write_json(folder / "metrics.json", metrics)
     return metrics
 
 
+def _device(config: DictConfig) -> str:
+    """A GPU if there is one and the trainer was not told otherwise."""
+    allowed = config.trainer.get("accelerator", "auto") != "cpu"
+    return "cuda" if allowed and torch.cuda.is_available() else "cpu"
+
+
 def _submit(
-    module: HandReconstruction, data: HandDataModule, protocol: Protocol, folder: Path
+    module: HandReconstruction,
+    data: HandDataModule,
+    protocol: Protocol,
+    folder: Path,
+    device: str,
 ) -> dict[str, Any]:
     """Write what the benchmark's server takes; its scores as well, if the truth is known here."""
-    tested = predict_test(module, data, module.reconstructor.hand.name)
-    dataset = data.dataset("test")
-    known = {
-        name: torch.from_numpy(column)
-        for name in ("ids", "wrists")
-        if (column := getattr(dataset, name, None)) is not None
-    }
-    points = tested.prediction
-    submit(
-        protocol.name, points.landmarks, points.vertices, folder / "submission",
-        root=known.get("wrists"), ids=known.get("ids"),
-    )  # fmt: skip
+    benchmark = benchmark_of(data, protocol)
+    tested = predict_test(module, data, module.reconstructor.hand.name, device)
+    ids = None if benchmark.ids is None else torch.from_numpy(benchmark.ids)
+    wrists = None if benchmark.wrists is None else torch.from_numpy(benchmark.wrists)
+    # Once: what is scored here is what is written.
+    points = rooted(tested.prediction, wrists)
+    if points.vertices is None and protocol.scores_vertices:
+        logger.warning(
+            "The hand %r is not MANO: the file has no surfaces, and the server's scores of surfaces mean "
+            "nothing.", module.reconstructor.hand.name,
+        )  # fmt: skip
+    submit(protocol.name, points.landmarks, points.vertices, folder / "submission", ids=ids)
     if tested.truth is None:
         logger.warning("%s does not tell the truth of its test hands: no scores.", data.name)
         return {}
@@ -111,18 +131,34 @@ def _score_file(config: DictConfig) -> dict[str, Any]:
         raise ValueError(
             "Give ckpt=<run> or predictions=<file>, and not both: which is to be scored?"
         )
-    if config.protocol is None or config.ground_truth is None:
+    if config.protocol is None or (config.ground_truth is None and config.get("data") is None):
         raise ValueError(
-            "Predictions need protocol=<name> and ground_truth=<folder with evaluation_xyz.json>; "
-            f"protocols are {', '.join(PROTOCOLS)}."
+            "Predictions need protocol=<name> and ground_truth=<folder with evaluation_xyz.json>, or for "
+            "DexYCB, which has no such file, data=dexycb data.root=<folder>; protocols are "
+            f"{', '.join(PROTOCOLS)}."
         )
     set_threads(config.threads)
     protocol = protocol_named(config.protocol)
     folder = claim_folder(config.paths.run)
+    if config.ground_truth is None:
+        config.ground_truth = str(_written_truth(config, protocol, folder / "ground_truth"))
     wanted = () if config.output is None else (Path(config.output),)
     outputs = (*wanted, folder / "scores.json")
     paths = Path(config.predictions), Path(config.ground_truth)
     return score_predictions(Request(paths[0], protocol, paths[1], outputs))
+
+
+def _written_truth(config: DictConfig, protocol: Protocol, folder: Path) -> Path:
+    """The truth of a dataset's test hands, in the form of the benchmark's files."""
+    described = OmegaConf.create({"data": config.data, "paths": config.paths, **STANDING_IN})
+    data = build_data(described)
+    benchmark, dataset = benchmark_of(data, protocol), data.dataset("test")
+    if not isinstance(dataset, PictureHands) or dataset.hands.landmarks_3d is None:
+        raise ValueError(f"{data.name} does not tell the truth of its test hands.")
+    landmarks = torch.from_numpy(dataset.hands.landmarks_3d[dataset.rows]).double()
+    ids = None if benchmark.ids is None else torch.from_numpy(benchmark.ids)
+    paths = submit(protocol.name, landmarks, None, folder, ids=ids)
+    return paths[0]
 
 
 def _refuse_stray(config: DictConfig) -> None:

@@ -9,7 +9,9 @@ from torch import Tensor, nn
 
 from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.picture_hands import Benchmark
 from hand_recon.data.progress import with_progress
+from hand_recon.evaluation.protocols import Protocol
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.schema import HandBatch
 
@@ -27,19 +29,51 @@ class TestedHands:
     """None where the dataset does not tell; without vertices where it has none of this hand."""
 
 
+def benchmark_of(data: HandDataModule, protocol: Protocol) -> Benchmark:
+    """What the benchmark needs to know of the test hands, if they are the benchmark's.
+
+    Raises:
+        ValueError: They are another benchmark's or nobody's, or some are missing.
+    """
+    found = getattr(data.dataset("test"), "benchmark", None)
+    if found is None:
+        raise ValueError(
+            f"The test hands of {data.name} are no benchmark's, so that protocol={protocol.name} does not "
+            "apply: they were held out of training data, thinned out, or some subjects are missing (see the "
+            "warnings above), or it is a dataset without a benchmark."
+        )
+    # DexYCB's setups share one metric: its bare name serves them all.
+    fits = found.protocol == protocol.name or (
+        protocol.name == "dexycb" and found.protocol.startswith("dexycb_")
+    )
+    if not fits:
+        raise ValueError(
+            f"These test hands are of the benchmark {found.protocol}; protocol={protocol.name} would score "
+            f"them as another's. Give protocol={found.protocol}."
+        )
+    if found.left_out:
+        raise ValueError(
+            f"{found.left_out} of the benchmark's test hands are missing from {data.name}, and a file "
+            "without them would be read with all later hands out of place. Unpack the archive again."
+        )
+    return found
+
+
 @torch.no_grad()
-def predict_test(module: nn.Module, data: HandDataModule, hand: str) -> TestedHands:
+def predict_test(
+    module: nn.Module, data: HandDataModule, hand: str, device: str = "cpu"
+) -> TestedHands:
     """Reconstruct every test hand.
 
     Args:
         module: From batches to predictions.
         data: Whose test set.
         hand: Name of the module's hand model.
+        device: Where to compute.
 
     Raises:
         ValueError: A picture could not be read: a benchmark takes no file that lacks a hand.
     """
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     module = module.to(device).eval()
     loader = data.test_dataloader()
     columns: dict[str, list[Tensor]] = {}

@@ -88,7 +88,7 @@ def test_a_mistake_is_printed_and_written(
     assert [finding["kind"] for finding in found["lint"]] == ["axes"]
     printed = capsys.readouterr().out
     assert "Mistake (certain): Your hands look to be in OpenGL's axes" in printed
-    assert "Remark: The predictions have no vertices" in printed
+    assert "landmarks alone are scored, and the surface's scores are -1" in printed
     assert found["mesh_mean3d"] == -1
 
 

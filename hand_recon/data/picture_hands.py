@@ -24,11 +24,28 @@ class PictureRecipe:
     """Caches, and how many damaged pictures are too many."""
 
 
+@dataclass(frozen=True)
+class Benchmark:
+    """What a benchmark needs to know of its test hands."""
+
+    protocol: str
+    """A key of `hand_recon.evaluation.protocols.PROTOCOLS`."""
+    ids: Int[np.ndarray, " sample"] | None = None
+    """What each hand is called in a file of results; none where its place says it."""
+    wrists: Float[np.ndarray, "sample 3"] | None = None
+    """Where each wrist is told to be, camera frame, metres."""
+    left_out: int = 0
+    """Test hands of the benchmark that are not among these."""
+
+
 class PictureHands(Dataset[HandSample]):
     """Some rows of a table of annotated pictures. Left hands come mirrored, as right ones.
 
     A picture that cannot be read is skipped with a warning, and the next one takes its place.
     """
+
+    benchmark: Benchmark | None = None
+    """Whose test hands these are; none for training hands, and for hands that were held out of them."""
 
     def __init__(
         self,

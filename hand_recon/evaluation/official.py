@@ -75,9 +75,8 @@ def ho3d_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     """The contents of `scores.txt` of HO3D's `eval.py`.
 
     Args:
-        truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in
-        HO3D's
-            order and axes.
+        truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in HO3D's order
+            and axes.
         prediction: The same of the prediction; as many vertices.
 
     Returns:

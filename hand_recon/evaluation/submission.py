@@ -40,7 +40,8 @@ def write_submission(
 
     Args:
         protocol: The benchmark.
-        prediction: In FreiHAND's order and the camera's frame, metres; left hands as left hands.
+        prediction: In FreiHAND's order and the camera's frame, metres; left hands as left hands. Without
+            vertices, the wrist stands in for each surface.
         folder: Where to; it is made.
         root: Where each wrist goes, camera frame, metres: HO3D gives it for its test hands. None leaves the
             hands where they were predicted.
@@ -61,7 +62,7 @@ def write_submission(
                 f"{path} exists, and nothing is overwritten; choose another folder or remove it."
             )
     _check(prediction, ids)
-    points = protocol.from_internal(_rooted(prediction, root).double())
+    points = protocol.from_internal(rooted(prediction, root).double())
     folder.mkdir(parents=True, exist_ok=True)
     if protocol.unit == "mm":
         _write_text(paths[0], points, ids, protocol.decimals)
@@ -85,7 +86,13 @@ def _check(prediction: HandPoints, ids: Tensor | None) -> None:
         )
 
 
-def _rooted(points: HandPoints, root: Tensor | None) -> HandPoints:
+def rooted(points: HandPoints, root: Float[Tensor, "hand 3"] | None) -> HandPoints:
+    """Hands with each wrist where it is told to be.
+
+    Args:
+        points: Camera frame, metres.
+        root: The wrists, metres; none leaves the hands where they are.
+    """
     if root is None:
         return points
     shift = (root.to(points.landmarks) - points.landmarks[:, WRIST])[:, None]
@@ -98,10 +105,9 @@ def _json_parts(points: HandPoints, decimals: int) -> Iterator[str]:
     yield "["
     yield from _list_parts(points.landmarks, decimals)
     yield ", "
-    if points.vertices is None:
-        yield "[]"
-    else:
-        yield from _list_parts(points.vertices, decimals)
+    # FreiHAND's script looks into the second list at every frame; one point is no surface to it (−1).
+    surface = points.landmarks[:, :1] if points.vertices is None else points.vertices
+    yield from _list_parts(surface, decimals)
     yield "]"
 
 

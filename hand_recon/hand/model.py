@@ -77,7 +77,7 @@ class HandModel(nn.Module):
         if landmarks not in asset.landmark_regressors:
             raise ValueError(
                 f"The hand {asset.name!r} has no landmark set {landmarks!r}; "
-                f"it has {sorted(asset.landmark_regressors)}."
+                f"it has {sorted(asset.landmark_regressors)}. Choose one of these: data.landmarks=<set>."
             )
         self.name = asset.name
         self.landmarks = landmarks

@@ -81,9 +81,10 @@ def test_dexycbs_lines_have_their_ids_and_millimetres(tmp_path: Path) -> None:
     assert path.read_text() == "7" + 63 * ",123.46" + "\n9" + 63 * ",123.46" + "\n"
 
 
-def test_without_vertices_the_second_list_is_empty(tmp_path: Path) -> None:
-    path = write_submission(PROTOCOLS["freihand"], HandPoints(torch.ones(1, 21, 3)), tmp_path)[0]
-    assert json.loads(path.read_text()) == [[[[1.0] * 3] * 21], []]
+def test_without_vertices_the_wrist_stands_in_for_the_surface(tmp_path: Path) -> None:
+    landmarks = torch.arange(63.0).reshape(1, 21, 3)
+    path = write_submission(PROTOCOLS["freihand"], HandPoints(landmarks), tmp_path)[0]
+    assert json.loads(path.read_text()) == [landmarks.tolist(), [[[0.0, 1.0, 2.0]]]]
 
 
 @pytest.mark.parametrize("existing", ["pred.json", "pred.zip"])

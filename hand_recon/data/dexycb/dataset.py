@@ -29,13 +29,13 @@ from hand_recon.data.dexycb.files import (
 from hand_recon.data.dexycb.labels import (
     check_labels,
     labelled_rows,
-    labels_fingerprint,
     read_labels,
 )
+from hand_recon.data.dexycb.listing import look_at_files
 from hand_recon.data.dexycb.splits import PARTS, SETUPS, Frames, enumerate_frames, split_named
 from hand_recon.data.dexycb.surfaces import GT_MODES, DexYcbSurfaces, load_pair
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import PictureHands, PictureRecipe
+from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
 
 logger = logging.getLogger(__name__)
 
@@ -93,6 +93,8 @@ class DexYcb(PictureHands):
 
     ids: Int[np.ndarray, " sample"]
     """The official number of each sample's frame in its part: its id in a file of results."""
+    missing: str
+    """Subjects that are not there."""
 
     def __init__(self, split: str, recipe: DexYcbRecipe, with_vertices: bool | None = None) -> None:
         """Read the labels, once; pictures are read when asked for, or once into the cache.
@@ -114,9 +116,15 @@ class DexYcb(PictureHands):
         frames = self._frames()
         wanted = np.arange(0, len(frames), getattr(recipe, f"{split}_every"))
         frames = frames.select(wanted)
-        labels = read_labels(frames, self.name, recipe.reading.folder, recipe.label_workers)
+        self._files = look_at_files(frames)
+        labels = read_labels(
+            frames, self.name, recipe.reading.folder, recipe.label_workers, self._files
+        )
         kept = labelled_rows(labels, self.name)
         self.ids = wanted[kept]
+        whole = not self.missing and recipe.test_every == 1
+        if split == "test" and whole:
+            self.benchmark = Benchmark(f"dexycb_{recipe.setup}", ids=self.ids)
         self.frames, self.labels = frames.select(kept), labels.select(kept)
         self.left = _of_grasps(self.frames, [grasp.left for grasp in frames.grasps])
         table = self._annotated(split == "test" if with_vertices is None else with_vertices)
@@ -155,6 +163,7 @@ class DexYcb(PictureHands):
         """Those of the split's subjects that are there, if that is enough."""
         there = present(self.root, wanted)
         missing = ", ".join(SUBJECTS[subject] for subject in wanted if subject not in there)
+        self.missing = missing
         if not missing:
             return there
         if self.recipe.partial and there:
@@ -179,7 +188,7 @@ class DexYcb(PictureHands):
             name=f"dexycb-{self.name}",
             root=self.root,
             pictures=_Pictures(frames),
-            fingerprint=digest(labels_fingerprint(frames), self.labels.joint_2d.tobytes()),
+            fingerprint=digest(vars(self._files), self.labels.joint_2d),
             landmarks_2d=self.labels.joint_2d,
             left=self.left,
             intrinsics=intrinsics,
@@ -193,7 +202,7 @@ class DexYcb(PictureHands):
             return self.surfaces()
         logger.warning(
             "DexYCB's surfaces are MANO's, which cannot be compared vertex by vertex with hand=%s: vertex "
-            "metrics are left out; hand=mano data.topology=mano has them.", self.recipe.topology,
+            "metrics are left out; hand=mano has them.", self.recipe.topology,
         )  # fmt: skip
         return None
 

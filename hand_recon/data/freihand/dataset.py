@@ -14,7 +14,7 @@ from hand_recon.data.annotated import AnnotatedHands
 from hand_recon.data.freihand.files import follows_mano
 from hand_recon.data.freihand.splits import FreiHandRecipe, choose_hands
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import PictureHands, PictureRecipe
+from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 
 logger = logging.getLogger(__name__)
@@ -44,6 +44,8 @@ class FreiHand(PictureHands):
         self.split = split
         self.recipe = recipe
         self.part, self.chosen = choose_hands(split, recipe)
+        if self.part.name == "evaluation":
+            self.benchmark = Benchmark("freihand")
         self._check_projections()
         versions = self._wanted_versions()
         table = self._annotated(split == "test" if with_vertices is None else with_vertices)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.data.annotated import AnnotatedHands, Surfaces
+from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.ho3d.annotations import Annotations, read_annotations
@@ -22,7 +23,7 @@ from hand_recon.data.ho3d.splits import split_frames
 from hand_recon.data.ho3d.surfaces import ManoHands, load_mano_if_there
 from hand_recon.data.ho3d.truth import HOW_TO_GET, EvaluationTruth, find_truth, load_truth
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import PictureHands, PictureRecipe
+from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
 from hand_recon.hand.skeleton import TIPS
 
 logger = logging.getLogger(__name__)
@@ -126,6 +127,10 @@ class Ho3d(PictureHands):
             rows = kept
             table = self._evaluation_table(truth_folder, wanted)
             self.wrists = self.annotations.points[rows, 0]
+            left_out = len(self.part.frames) - len(rows)
+            self.benchmark = Benchmark(
+                f"ho3d_{recipe.version}", wrists=self.wrists, left_out=left_out
+            )
         else:
             rows = kept[self._rows_of_split([self.part.frames[row] for row in kept], held_out)]
             table = self._training_table(wanted)
@@ -201,7 +206,8 @@ class Ho3d(PictureHands):
             name=f"ho3d-{self.part.name}",
             root=self.part.root,
             pictures=self.part.pictures,
-            fingerprint=self.part.fingerprint,
+            # The evaluation's landmarks are files beside the part.
+            fingerprint=digest(self.part.fingerprint, landmarks),
             landmarks_2d=labels,
             intrinsics=self.annotations.intrinsics,
             landmarks_3d=landmarks,
