@@ -30,6 +30,10 @@ MARKS: Final = {"good": "[green]✓[/green]", "absent": "[yellow]–[/yellow]", 
 """How states are shown."""
 
 
+COMMANDS: Final = ("python ", "make ")
+"""How cures start that can be typed; the others are advice."""
+
+
 def examine(config: DictConfig) -> dict[str, list[Finding]]:
     """Everything that was looked at, by section.
 
@@ -54,10 +58,13 @@ def examine(config: DictConfig) -> dict[str, list[Finding]]:
 def next_command(sections: dict[str, list[Finding]]) -> str:
     """What to type next: mend what is broken, else look at the data that are there, else the first run."""
     findings = [finding for section in sections.values() for finding in section]
-    broken = [one for one in findings if one.state == "wrong" and one.cure]
-    waiting = [one for one in findings if one.state == "absent" and "not converted" in one.found]
-    datasets = [one for one in findings if one.state == "good" and one.cure]
-    for candidates in (broken, waiting, datasets):
+    commands = [one for one in findings if one.cure.startswith(COMMANDS)]
+    broken = [one for one in commands if one.state == "wrong"]
+    waiting = [one for one in commands if one.state == "absent" and "not converted" in one.found]
+    datasets = [one for one in commands if one.state == "good"]
+    # Sets of one's own, and such as are not whole.
+    partial = [one for one in commands if one.state == "absent" and "prepare check" in one.cure]
+    for candidates in (broken, waiting, datasets, partial):
         if candidates:
             return candidates[0].cure
     return "python -m hand_recon.train"

@@ -9,8 +9,9 @@ import json
 import logging
 import os
 import sys
+import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +27,7 @@ from hand_recon.hand.mano_conversion import prepare_mano
 from hand_recon.inspection.caches import crop_maps, stale_maps
 from hand_recon.inspection.contact_sheet import contact_sheet
 from hand_recon.inspection.labels import LabelReport, examine_labels
+from hand_recon.inspection.ranges import examine_poses
 
 logger = logging.getLogger(__name__)
 
@@ -104,11 +106,14 @@ def check(config: DictConfig) -> LabelReport:
     """
     data, hand = build_data(config), build_hand(config)
     split = config.splits[0]
-    dataset = data.dataset(split)
+    dataset = data.dataset_with_surfaces(split)
     logger.info("%s %s: %d samples", data.name, split, len(dataset))
     folder = claim_folder(config.paths.run)
     numbers = gather(dataset, _spread(len(dataset), config.check.numbers))
     report = examine_labels(numbers)
+    if split == "train":
+        poses = examine_poses(data, hand.rest_angles, config.check.numbers)
+        report = replace(report, numbers=report.numbers | poses)
     shown = gather(dataset, _spread(len(dataset), config.check.samples))
     page = contact_sheet(shown, hand.faces)
     cv2.imwrite(str(folder / "samples.png"), page[..., ::-1])
@@ -154,13 +159,17 @@ def main() -> None:
     """The command line: a verb, then what belongs to it.
 
     Raises:
-        SystemExit: There is no such verb.
+        SystemExit: There is no such verb, or what `mano` was given cannot be converted.
     """
     verb = sys.argv[1] if len(sys.argv) > 1 else "--help"
     if verb in ("-h", "--help"):
         sys.stdout.write(f"{__doc__}\n")
     elif verb == "mano":
-        mano(sys.argv[2:])
+        try:
+            mano(sys.argv[2:])
+        except (OSError, ValueError, zipfile.BadZipFile) as error:
+            # What was given is not what is wanted: where in the program that showed helps nobody.
+            raise SystemExit(str(error)) from error
     elif verb in ("cache", "check"):
         # Hydra reads the rest.
         del sys.argv[1]

@@ -41,14 +41,41 @@ def test_the_doctor_prints_json_for_programs(
     assert {"subject", "state", "found", "cure"} == content["Versions"][0].keys()
 
 
-def test_something_broken_comes_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_folder(tmp_path / "FreiHAND_pub_v2", hands=4)
-    assert not doctor(configuration(tmp_path))
+def test_a_set_of_ones_own_is_not_broken_and_is_to_be_checked_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = write_folder(tmp_path / "own", hands=4).root
+    assert doctor(configuration(tmp_path))
     printed = capsys.readouterr().out
     assert "16 of 130,240 pictures" in printed
     assert printed.rstrip().endswith(
-        "Next: A set of your own, or unpack FreiHAND_pub_v2.zip again."
+        f"Next: python -m hand_recon.prepare check data=freihand data.root={root}"
     )
+
+
+def test_something_broken_comes_first_and_advice_is_no_command() -> None:
+    check = "python -m hand_recon.prepare check data=freihand data.root=/d"
+    findings = [
+        Finding("a cache", "absent", "its data are gone", "rm -r /c"),
+        Finding(
+            "MANO", "absent", "not there", "Not needed. Else: python -m hand_recon.prepare mano"
+        ),
+        Finding("own data", "absent", "16 of 130,240", check + "/own"),
+        Finding("whole data", "good", "all there", check),
+        Finding("a release", "wrong", "malware", "Remove it, then `make env`."),
+    ]
+    assert next_command({"": findings[:2]}) == "python -m hand_recon.train"
+    assert next_command({"": findings[:3]}) == check + "/own"
+    assert next_command({"": findings}) == check
+    broken = Finding("torch", "wrong", "not installed", "make env")
+    assert next_command({"": [*findings, broken]}) == "make env"
+
+
+def test_something_broken_makes_the_exit_status(tmp_path: Path) -> None:
+    root = write_folder(tmp_path / "own", hands=4).root
+    for picture in (root / "training" / "rgb").iterdir():
+        picture.unlink()
+    assert not doctor(configuration(tmp_path))
 
 
 def test_a_release_that_was_malware_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
+from torch import Tensor
 
 from hand_recon import prepare
-from hand_recon.configuration import CONF
+from hand_recon.configuration import CONF, build_data
+from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.images import read_image
 from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
+from hand_recon.hand.open_hand import open_hand
+from hand_recon.inspection.contact_sheet import contact_sheet
+from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.schema import HandBatch
 from tests.data.freihand_folder import edit_json
 from tests.hand.mano_file import write_mano_pickle
 
@@ -91,6 +97,82 @@ def test_mano_is_converted_into_the_folder_that_is_named(
 def test_mano_without_one_source_says_how_it_is_used(words: list[str]) -> None:
     with pytest.raises(SystemExit, match=r"usage: .*prepare mano"):
         prepare.mano(words)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "No file"),
+        (b"\x80\x02cos\nsystem\nU\x02ls\x85R.", "os"),
+        (b"PK\x03\x04 cut off", ""),
+    ],
+)
+def test_mano_is_refused_with_the_message_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, message: str
+) -> None:
+    source = tmp_path / "MANO_RIGHT.pkl"
+    if content is not None:
+        source.write_bytes(content)
+    monkeypatch.setattr(sys, "argv", ["prepare", "mano", str(source), f"folder={tmp_path / 'm'}"])
+    # Python prints a text that a program ends with, without a traceback, and exits with status 1.
+    with pytest.raises(SystemExit, match=rf"{source}") as stopped:
+        prepare.main()
+    assert isinstance(stopped.value.code, str)
+    assert message in stopped.value.code
+    assert not (tmp_path / "m").exists()
+
+
+def synthetic(folder: Path) -> DictConfig:
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return compose(
+            "prepare",
+            ["data=synthetic", "synthetic.train=8", "crop_size=64", f"paths.cache={folder / 'cache'}",
+             f"paths.run={folder / 'run'}", "check.samples=2"],
+        )  # fmt: skip
+
+
+def test_check_shows_training_surfaces_and_compares_poses_with_joint_ranges(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[HandBatch] = []
+
+    def recorded(batch: HandBatch, faces: Tensor) -> np.ndarray:
+        shown.append(batch)
+        return contact_sheet(batch, faces)
+
+    monkeypatch.setattr(prepare, "contact_sheet", recorded)
+    config = synthetic(tmp_path)
+    numbers = prepare.check(config).numbers
+    assert shown[0].vertices is not None
+    assert shown[0].vertices.isfinite().all()
+    parameters = build_data(config).train_parameters()
+    assert parameters is not None
+    ranges = load_ranges("literature", open_hand().rest_angles)
+    low, high = ranges.lower.double().numpy(), ranges.upper.double().numpy()
+    largest = np.degrees([
+        max(0.0, (angles - high).max(), (low - angles).max())
+        for angles in parameters.joint_angles.double().numpy()
+    ])  # fmt: skip
+    assert numbers["poses"] == len(largest) == 8
+    assert numbers["largest_violation_degrees_mean"] == pytest.approx(largest.mean(), abs=1e-4)
+    assert numbers["beyond_ranges_percent"] == pytest.approx(100 * (largest > 22.5).mean())
+    assert json.loads((tmp_path / "run" / "labels.json").read_text())["numbers"] == numbers
+
+
+def test_check_goes_on_where_poses_cannot_be_had(
+    freihand: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def no_mano(data: FreiHandDataModule, limit: int) -> None:
+        raise FileNotFoundError("No MANO_RIGHT.safetensors.")
+
+    monkeypatch.setattr(FreiHandDataModule, "train_parameters", no_mano)
+    report = prepare.check(configuration(freihand, tmp_path))
+    assert report.troubles == ()
+    assert not any("beyond" in name for name in report.numbers)
+    assert "were not compared with joint ranges: No MANO_RIGHT.safetensors." in caplog.text
 
 
 def test_a_verb_is_needed_and_must_be_known(

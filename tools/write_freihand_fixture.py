@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
+from hand_recon.hand.mano_layer import ManoLayer
 
 
 def main() -> None:
@@ -13,12 +14,18 @@ def main() -> None:
     parser.add_argument("--unique", type=int, default=64, help="training hands, four pictures each")
     parser.add_argument("--evaluation", type=int, default=32, help="evaluation pictures")
     parser.add_argument("--without-vertices", action="store_true", help="leave *_verts.json out")
+    parser.add_argument(
+        "--mano",
+        type=Path,
+        help="folder of MANO's hands, for training_mano.json; else the open hand",
+    )
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     folder = FreiHandFolder(
         unique=arguments.unique,
         evaluation=arguments.evaluation,
         with_vertices=not arguments.without_vertices,
+        mano=None if arguments.mano is None else ManoLayer.load(arguments.mano, landmarks="mano"),
         seed=arguments.seed,
     )
     write_freihand_layout(arguments.root, folder)

@@ -14,8 +14,35 @@ import numpy as np
 
 
 def digest(*parts: object) -> str:
-    """A short name for whatever a cache depends on."""
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    """A short name for whatever a cache depends on.
+
+    Args:
+        parts: Arrays and bytes count with their type, shape and content; anything else as `repr` shows it,
+            which shortens an array that is inside something else: give each as a part of its own.
+    """
+    summed = hashlib.sha256()
+    for part in parts:
+        kind, content = _content(part)
+        # The length says where each part ends: no two lists of parts run together into the same bytes.
+        summed.update(f"{kind} {len(content)}\n".encode())
+        summed.update(content)
+    return summed.hexdigest()[:16]
+
+
+def _content(part: object) -> tuple[str, bytes | memoryview]:
+    """What a part is, and its bytes: large buffers are neither copied nor printed.
+
+    Raises:
+        TypeError: It is an array of objects, whose buffer holds addresses.
+    """
+    if isinstance(part, bytes):
+        return "bytes", part
+    if not isinstance(part, np.ndarray):
+        return "repr", repr(part).encode()
+    if part.dtype.hasobject:
+        raise TypeError("An array of objects has no content to tell it by; give a list instead.")
+    flat = np.ascontiguousarray(part).reshape(-1).view(np.uint8)
+    return f"array {part.dtype.str} {part.shape}", flat.data
 
 
 def file_identity(path: Path) -> tuple[str, int, int]:

@@ -91,14 +91,23 @@ class CropReader:
         """The crop of a hand, a right one always; a warning and None if its picture cannot be read.
 
         Raises:
+            KeyError: The row was not among those that may be asked for.
             RuntimeError: It is one damaged picture too many.
         """
-        crop = (
-            self._decode(row) if self._map is None else self._map.read(int(self.place_of_row[row]))
-        )
+        crop = self._decode(row) if self._map is None else self._map.read(self._place_in_map(row))
         if crop is None:
             self.corrupt.add(str(self.hands.pictures[row]))
         return crop
+
+    def _place_in_map(self, row: int) -> int:
+        place = int(self.place_of_row[row]) if 0 <= row < len(self.place_of_row) else -1
+        if place < 0:
+            # No IndexError: a loop over a dataset would take it for the end.
+            raise KeyError(
+                f"Row {row} of {self.hands.name} is not among the {(self.place_of_row >= 0).sum()} in its "
+                "map of crops; give every row that any split reads as cached_rows."
+            )
+        return place
 
     def _decode(self, row: int) -> Crop | None:
         hands = self.hands
@@ -148,7 +157,7 @@ class CropReader:
 
     def map_name(self, rows: Int[np.ndarray, " row"]) -> str:
         """The folder of the map of some rows: other labels, pictures or crops have another."""
-        recipe = (self.hands.fingerprint, sorted(vars(self.crop).items()), rows.tobytes())
+        recipe = (self.hands.fingerprint, sorted(vars(self.crop).items()), rows)
         return f"{self.hands.name}-{self.crop.around}-{self.crop.size}-{digest(*recipe)}"
 
     def _fill(self, folder: Path, rows: Int[np.ndarray, " row"], workers: int) -> None:

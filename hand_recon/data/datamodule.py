@@ -199,6 +199,10 @@ class HandDataModule(lightning.LightningDataModule):
         """The training set, with vertices where they cost nothing to read."""
         return self.dataset("train")
 
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """A split as `dataset` gives it, with surfaces where there are any: to look at, not to train on."""
+        return self.dataset(split)
+
     def _loader(
         self,
         split: str,

@@ -80,6 +80,10 @@ class SyntheticDataModule(HandDataModule):
         """The training pictures, with their surfaces."""
         return self._split(split="train", size=self._train_size, with_vertices=True)
 
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """All splits but training have them anyway."""
+        return self.ground_truth_dataset() if split == "train" else self.dataset(split)
+
     def train_parameters(self, limit: int | None = None) -> HandParameters:
         """What made the training pictures."""
         hands = self._split(split="train", size=self._train_size)

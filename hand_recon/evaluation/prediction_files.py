@@ -11,16 +11,24 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.evaluation.per_sample import require_finite
-from hand_recon.evaluation.prediction_json import PointLists, read_point_list, read_point_lists
+from hand_recon.evaluation.prediction_json import (
+    MAX_BYTES,
+    PointLists,
+    read_point_list,
+    read_point_lists,
+)
 from hand_recon.evaluation.protocols import UNITS, Protocol
 from hand_recon.evaluation.scores import HandPoints
 
 COLUMNS: Final = 64
 """Of a line of DexYCB's text: the id, then three coordinates of 21 landmarks."""
+
+LONGEST: Final = 64
+"""Characters of an entry in it; a double needs 25."""
 
 MESH: Final = 778
 """Vertices that the official scripts expect: MANO's."""
@@ -104,7 +112,9 @@ def _with_common_vertices(
         return Pair(truth, found, tuple(remarks), mesh)
     remarks.append(f"{reason}: landmarks alone are scored, and the surface's scores are -1.")
     landmarks = HandPoints(truth.landmarks), HandPoints(found.landmarks)
-    return Pair(*landmarks, tuple(remarks), mesh)
+    # Fewer points than landmarks are no surface: the lint would compare hands with them in vain.
+    surface = mesh if mesh is not None and mesh.shape[1] > 21 else None
+    return Pair(*landmarks, tuple(remarks), surface)
 
 
 def read_predictions(path: Path, protocol: Protocol) -> PointFile:
@@ -181,6 +191,12 @@ def _read_zip(path: Path) -> PointFile:
                 "pack it with `zip -j pred.zip pred.json`."
             )
         name = min(names, key=len)
+        size = archive.getinfo(name).file_size
+        if size > MAX_BYTES:
+            raise ValueError(
+                f"{path}:{name} would unpack to {size} bytes, more than the {MAX_BYTES} that are read; "
+                "HO3D's predictions take about 1.2e9."
+            )
         with archive.open(name) as stream:
             read = _checked(read_point_lists(stream, f"{path}:{name}"))  # type: ignore[arg-type]
     if name == "pred.json":
@@ -217,6 +233,12 @@ def _read_text(path: Path) -> PointFile:
                 f"Line {number + 1} of {path} has {line.count(b',') + 1} comma-separated entries; expected "
                 f"are {COLUMNS}: id,x1,y1,z1,...,x21,y21,z21 in millimetres."
             )
+        # NumPy makes every entry as long as the longest.
+        if max(map(len, line.split(b","))) > LONGEST:
+            raise ValueError(
+                f"Line {number + 1} of {path} has an entry of more than {LONGEST} characters; "
+                "expected are numbers."
+            )
     try:
         numbers = np.array([line.split(b",") for line in lines]).astype(np.float64)
     except ValueError as error:
@@ -226,13 +248,24 @@ def _read_text(path: Path) -> PointFile:
             f"{path} is empty; expected is a line of {COLUMNS} numbers for each image."
         )
     table = torch.from_numpy(numbers)
-    ids = table[:, 0].long()
+    ids = _whole_ids(numbers[:, 0], path)
     unique, counts = ids.unique(return_counts=True)
     if len(unique) < len(ids):
         raise ValueError(
             f"{path} has {int(counts.max())} lines for id {int(unique[counts.argmax()])}; one is expected."
         )
     return PointFile(HandPoints(table[:, 1:].reshape(-1, 21, 3)), ids)
+
+
+def _whole_ids(numbers: Float[np.ndarray, " hand"], path: Path) -> Int[Tensor, " hand"]:
+    """The ids, which count images from nought; beyond 2⁵³ a double skips whole numbers."""
+    wrong = ~((numbers >= 0) & (numbers < 2**53) & (numbers % 1 == 0))
+    if wrong.any():
+        raise ValueError(
+            f"{path} has the id {float(numbers[wrong][0])!r}; expected is a whole number, the image's place "
+            "among all of the split. Is the first column missing?"
+        )
+    return torch.from_numpy(numbers.astype(np.int64))
 
 
 def _annotated(file: PointFile) -> PointFile:

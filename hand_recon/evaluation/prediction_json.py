@@ -1,7 +1,8 @@
 """Reads `[landmarks of every frame, vertices of every frame]` without making Python objects of it.
 
 HO3D's 20,137 frames of 778 vertices are 47 million numbers: a gigabyte of text, and ten times that as
-lists. Here the text streams through and only arrays stay.
+lists. Here the text streams through and only arrays stay. White space is dropped as it comes, and all that
+is kept has a bound: an archive of a megabyte can unpack to a gigabyte of anything.
 """
 
 import json
@@ -19,9 +20,19 @@ CHUNK: Final = 1 << 24
 HEAD: Final = 1 << 20
 """Bytes in which the first frame must end: 778 points take less than a tenth of it."""
 
+MAX_BYTES: Final = 1 << 32
+"""Longest file, white space included: three times HO3D's."""
+
+MAX_LANDMARK_BYTES: Final = 1 << 27
+"""Longest text of the landmarks: four times HO3D's."""
+
+MAX_NUMBERS: Final = 1 << 27
+"""Most numbers of the vertices: three times HO3D's; half a gigabyte."""
+
+LONGEST: Final = 1000
+"""Digits of one number; a double needs 25 at most."""
+
 _SPACE: Final = b" \t\r\n"
-_END_OF_FRAME: Final = re.compile(rb"\]\s*\]")
-_END_OF_LIST: Final = re.compile(rb"\]\s*\]\s*\]")
 _WORD: Final = re.compile(rb"\"[^\"]{0,20}\"?|[A-Za-z_]{2,}|[^\w\s,.+\-\[\]]+")
 _NUMBERS_BY_NAME: Final = (b"NaN", b"Infinity")
 
@@ -30,6 +41,24 @@ FORM: Final = (
     "then for every frame the mesh's points of three numbers."
 )
 """What a file of predictions should be."""
+
+
+class _Dense:
+    """A stream's text without its white space."""
+
+    def __init__(self, stream: BufferedIOBase) -> None:
+        self._stream = stream
+        self._left = MAX_BYTES
+
+    def read(self, size: int) -> bytes:
+        """At least so many bytes, and less than twice as many, where the text does not end before."""
+        text = bytearray()
+        while len(text) < size and (chunk := self._stream.read(size)):
+            self._left -= len(chunk)
+            if self._left < 0:
+                raise ValueError(f"it is longer than the {MAX_BYTES} bytes that are read.")
+            text += chunk.translate(None, _SPACE)
+        return bytes(text)
 
 
 @dataclass(frozen=True)
@@ -55,14 +84,15 @@ def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:
         ValueError: It is something else; the message says what was found and what to do.
     """
     try:
-        head = stream.read(HEAD).lstrip(_SPACE)
+        text = _Dense(stream)
+        head = text.read(HEAD)
         nested = _check_head(head)
-        first, rest = _first_list(head, stream)
+        first, rest = _first_list(head, text)
         landmarks = _landmarks(first, opening=2 if nested else 1)
         if not nested:
-            _expect_the_end(rest + stream.read(), b"")
+            _expect_the_end(rest + text.read(1))
             return PointLists(landmarks, None, nested)
-        return PointLists(landmarks, _vertices(rest, stream, len(landmarks)), nested)
+        return PointLists(landmarks, _vertices(rest, text, len(landmarks)), nested)
     except ValueError as error:
         raise ValueError(f"{name} is no file of predictions: {error} {FORM}") from error
 
@@ -74,10 +104,11 @@ def read_point_list(stream: BufferedIOBase, name: str) -> NDArray[np.float32]:
         ValueError: It is something else, or is cut off.
     """
     try:
-        text = stream.read(HEAD).lstrip(_SPACE)
-        if _depth(text) != 3:
+        text = _Dense(stream)
+        head = text.read(HEAD)
+        if _depth(head) != 3:
             raise ValueError("it does not begin as a list of frames of points.")
-        numbers, brackets = _numbers(text, stream)
+        numbers, brackets = _numbers(head, text)
         return _as_frames(numbers, brackets, surplus=0)
     except ValueError as error:
         raise ValueError(
@@ -88,8 +119,7 @@ def read_point_list(stream: BufferedIOBase, name: str) -> NDArray[np.float32]:
 
 def _depth(text: bytes) -> int:
     """How many brackets the text opens before its first number."""
-    match = re.match(rb"[\[\s]*", text)
-    return 0 if match is None else match.group().count(b"[")
+    return len(text) - len(text.lstrip(b"["))
 
 
 def _check_head(head: bytes) -> bool:
@@ -103,7 +133,7 @@ def _check_head(head: bytes) -> bool:
     if not head.startswith(b"["):
         raise ValueError(f"it begins with {head[:12]!r}, which is no JSON list.")
     depth = _depth(head)
-    if re.match(rb"[\[\s]*\{", head):
+    if head[depth : depth + 1] == b"{":
         raise ValueError("it is a list of dictionaries; write plain lists in the frames' order.")
     _refuse_aliens(head)
     if depth not in (3, 4):
@@ -111,14 +141,20 @@ def _check_head(head: bytes) -> bool:
             f"its first number is {depth} lists deep and not four; "
             "a frame must be a list of points, and a point a list of three numbers."
         )
-    end = _END_OF_FRAME.search(head)
-    if end is None:
-        raise ValueError("it is cut off within the first frame, or that frame never ends.")
-    start = re.match(rb"[\[\s]*", head)
-    opened = 0 if start is None else start.end()
-    first = json.loads(b"[[" + head[opened : end.end()])
-    _check_first_frame([len(point) for point in first])
+    _check_first_frame(_lengths_of_first_frame(head[depth:]))
     return depth == 4
+
+
+def _lengths_of_first_frame(text: bytes) -> list[int]:
+    """How many numbers each point has, in text that goes on after the first brackets."""
+    end = text.find(b"]]")
+    if end < 0:
+        raise ValueError("it is cut off within the first frame, or that frame never ends.")
+    frame = text[:end]
+    # Else brackets in brackets would let the parser run out of its stack.
+    if frame.count(b"[") != frame.count(b"],["):
+        raise ValueError("its first frame has something else than points of plain numbers.")
+    return [len(point) for point in json.loads(b"[[" + frame + b"]]")]
 
 
 def _check_first_frame(lengths: list[int]) -> None:
@@ -150,21 +186,23 @@ def _refuse_aliens(text: bytes) -> None:
     raise ValueError(f"it contains {found!r}: {advice}")
 
 
-def _first_list(head: bytes, stream: BufferedIOBase) -> tuple[bytes, bytes]:
+def _first_list(head: bytes, stream: _Dense) -> tuple[bytes, bytes]:
     """The text up to where the first list of frames ends, and what was read beyond it."""
     text = bytearray(head)
     searched = 0
-    while (end := _END_OF_LIST.search(text, searched)) is None:
-        searched = max(0, len(text) - 64)
+    while (end := text.find(b"]]]", searched)) < 0:
+        searched = max(0, len(text) - 2)
+        if searched > MAX_LANDMARK_BYTES:
+            raise ValueError(f"its landmarks take more than {MAX_LANDMARK_BYTES} bytes.")
         chunk = stream.read(CHUNK)
         if not chunk:
             raise ValueError("it is cut off within the landmarks; write or copy it again.")
         text += chunk
-    return bytes(text[: end.end()]), bytes(text[end.end() :])
+    return bytes(text[: end + 3]), bytes(text[end + 3 :])
 
 
 def _landmarks(text: bytes, opening: int) -> NDArray[np.float64]:
-    numbers = _to_numbers(text.translate(None, b"[]" + _SPACE))
+    numbers = _to_numbers(text.translate(None, b"[]"))
     frames, left_over = divmod(len(numbers), 63)
     # One bracket opens for each frame, and one for each of its points.
     if left_over or text.count(b"[") != opening + 22 * frames:
@@ -175,10 +213,10 @@ def _landmarks(text: bytes, opening: int) -> NDArray[np.float64]:
     return numbers.reshape(frames, 21, 3)
 
 
-def _vertices(rest: bytes, stream: BufferedIOBase, frames: int) -> NDArray[np.float32] | None:
-    rest = _with_more(rest, stream)
+def _vertices(rest: bytes, stream: _Dense, frames: int) -> NDArray[np.float32] | None:
+    rest += stream.read(HEAD)
     if rest.startswith(b"]"):
-        _expect_the_end(rest[1:] + stream.read(), b"")
+        _expect_the_end(rest[1:] + stream.read(1))
         return None
     if not rest.startswith(b","):
         raise ValueError("the landmarks are not followed by the vertices; it is cut off.")
@@ -195,13 +233,9 @@ def _vertices(rest: bytes, stream: BufferedIOBase, frames: int) -> NDArray[np.fl
     return vertices
 
 
-def _with_more(rest: bytes, stream: BufferedIOBase) -> bytes:
-    return (rest + stream.read(HEAD)).lstrip(_SPACE)
-
-
-def _expect_the_end(rest: bytes, expected: bytes) -> None:
-    if rest.strip(_SPACE) != expected:
-        raise ValueError(f"after its end follows {rest.strip(_SPACE)[:20]!r}.")
+def _expect_the_end(rest: bytes) -> None:
+    if rest:
+        raise ValueError(f"after its end follows {rest[:20]!r}.")
 
 
 def _as_frames(
@@ -220,18 +254,23 @@ def _as_frames(
     return numbers.reshape(frames, points // frames, 3)
 
 
-def _numbers(text: bytes, stream: BufferedIOBase) -> tuple[NDArray[np.float32], tuple[int, int]]:
+def _numbers(text: bytes, stream: _Dense) -> tuple[NDArray[np.float32], tuple[int, int]]:
     """All numbers from here to the end in single precision, and how many brackets open and close."""
     parts: list[NDArray[np.float32]] = []
-    opened = closed = 0
+    opened = closed = count = 0
     rest = b""
     while text:
         opened += text.count(b"[")
         closed += text.count(b"]")
         # Only commas and numbers are left: the last comma ends a whole number.
-        complete, _, rest = (rest + text.translate(None, b"[]" + _SPACE)).rpartition(b",")
+        complete, _, rest = (rest + text.translate(None, b"[]")).rpartition(b",")
+        if len(rest) > LONGEST:
+            raise ValueError(f"a number in it has more than {LONGEST} digits.")
         if complete:
             parts.append(_to_numbers(complete).astype(np.float32))
+            count += len(parts[-1])
+        if count > MAX_NUMBERS:
+            raise ValueError(f"it has more than {MAX_NUMBERS} numbers of vertices.")
         text = stream.read(CHUNK)
     if rest:
         parts.append(_to_numbers(rest).astype(np.float32))

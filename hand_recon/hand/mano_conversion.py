@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from hand_recon.hand.mano_pickle import MAX_BYTES, RefusedPickleError, load_pickle, to_array
+from hand_recon.hand.inert_pickle import RefusedPickleError
+from hand_recon.hand.mano_pickle import MAX_BYTES, load_pickle, to_array
 from hand_recon.hand.mano_store import (
     ManoArrays,
     ManoFile,
@@ -205,9 +206,9 @@ def _arrays_of(content: dict[str, object], name: str) -> dict[str, np.ndarray]:
 def _array(value: object, key: str, name: str) -> np.ndarray:
     try:
         array = to_array(value)
-    except (TypeError, ValueError, IndexError, RecursionError) as error:
+        return array if key in ("f", "kintree_table") else array.astype(np.float64)
+    except (TypeError, ValueError, ArithmeticError) as error:
         raise RefusedPickleError(f"{name}: {key}: {error}; expected MANO's array.") from error
-    return array if key in ("f", "kintree_table") else array.astype(np.float64)
 
 
 def _check_shapes(found: dict[str, np.ndarray], name: str) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from hand_recon.data.dexycb.files import SEQUENCES, SUBJECTS
 from hand_recon.hand.mano_store import file_name, read_file
 from hand_recon.inspection.finding import Finding
 
@@ -16,9 +17,6 @@ FREIHAND: Final = {
 
 HO3D: Final = {"v3": (83_325, 20_137), "v2": (66_034, 11_524)}
 """Lines of `train.txt` and `evaluation.txt` by version."""
-
-DEXYCB_SUBJECTS: Final = 10
-"""Each with a hundred recordings."""
 
 DEPTH: Final = 3
 """Folders below the one that is searched."""
@@ -104,13 +102,17 @@ def _freihand(root: Path) -> list[Finding]:
             if (root / f"{part}_{name}.json").is_file()
         ]
         found = f"{count:,} of {expected:,} pictures, lists {' '.join(lists)}; {root}"
-        if count in (expected, expected // 4 if part == "training" else expected):
-            data = root if part == "training" else pictures.parents[1]
-            cure = f"python -m hand_recon.prepare check data=freihand data.root={data}"
-            findings.append(Finding(f"FreiHAND {part}", "good", found, cure))
-        else:
-            cure = f"A set of your own, or unpack {archive} again."
+        data = root if part == "training" else pictures.parents[1]
+        check = f"python -m hand_recon.prepare check data=freihand data.root={data}"
+        whole = count in (expected, expected // 4 if part == "training" else expected)
+        if whole:
+            findings.append(Finding(f"FreiHAND {part}", "good", found, check))
+        elif not count or count > expected:
+            cure = f"Unpack {FREIHAND['training'][1]} again: all pictures are in it."
             findings.append(Finding(f"FreiHAND {part}", "wrong", found, cure))
+        else:
+            found += f"\nA set of your own, or {archive} is not all there"
+            findings.append(Finding(f"FreiHAND {part}", "absent", found, check))
     return findings
 
 
@@ -128,23 +130,33 @@ def _ho3d(root: Path) -> list[Finding]:
     cure = f"python -m hand_recon.prepare check data=ho3d data.root={root} data.version={version}"
     if lines == expected:
         return [Finding("HO3D", "good", found, cure)]
-    return [Finding("HO3D", "wrong", found, "A set of your own, or unpack its archives again.")]
+    if any(count > most for count, most in zip(lines, expected, strict=True)):
+        return [Finding("HO3D", "wrong", found, "Unpack its archive again; is it another version?")]
+    return [Finding("HO3D", "absent", f"{found}\nA set of your own, or some is missing", cure)]
 
 
 def _dexycb(root: Path) -> list[Finding]:
-    subjects = [path for path in root.glob("*-subject-*") if path.is_dir()]
+    subjects = [name for name in SUBJECTS if (root / name).is_dir()]
     if not subjects or not (root / "calibration").is_dir():
         return []
-    recordings = [sum(entry.is_dir() for entry in subject.iterdir()) for subject in subjects]
+    recordings = {
+        name: sum(entry.is_dir() for entry in (root / name).iterdir()) for name in subjects
+    }
     found = (
-        f"{len(subjects)} of {DEXYCB_SUBJECTS} subjects, {sum(recordings):,} of {100 * DEXYCB_SUBJECTS:,} "
-        f"recordings; {root}"
+        f"{len(subjects)} of {len(SUBJECTS)} subjects, {sum(recordings.values()):,} of "
+        f"{SEQUENCES * len(SUBJECTS):,} recordings; {root}"
     )
-    if len(subjects) == DEXYCB_SUBJECTS and set(recordings) == {100}:
-        cure = f"python -m hand_recon.prepare check data=dexycb data.root={root}"
-        return [Finding("DexYCB", "good", found, cure)]
+    check = f"python -m hand_recon.prepare check data=dexycb data.root={root}"
+    odd = ", ".join(name for name, count in recordings.items() if count != SEQUENCES)
+    if odd:
+        # The loader refuses it: the place of a recording among a hundred decides its split.
+        cure = f"Unpack anew what has other than {SEQUENCES} recordings: {odd}."
+        return [Finding("DexYCB", "wrong", found, cure)]
+    if len(subjects) == len(SUBJECTS):
+        return [Finding("DexYCB", "good", found, check)]
+    missing = ", ".join(name for name in SUBJECTS if name not in subjects)
     return [
-        Finding("DexYCB", "wrong", found, "Unpack the missing archives; each subject has its own.")
+        Finding("DexYCB", "absent", f"{found}\nWithout {missing}", f"{check} data.partial=true")
     ]
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.crop_reader import ReadingPolicy
+from hand_recon.data.crop_reader import CropReader, ReadingPolicy
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe
 from hand_recon.data.images import read_image
@@ -133,3 +133,50 @@ def test_a_cache_that_was_never_finished_is_made_anew(folder: Folder, tmp_path: 
     FreiHand("val", recipe)
     assert (made / "crops.npy").read_bytes() == before
     assert not list((tmp_path / "cache").rglob("*.partial"))
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_a_damaged_picture_that_was_mended_is_shown(
+    folder: Folder, tmp_path: Path, cached: bool
+) -> None:
+    reading = ReadingPolicy(tmp_path / "cache" if cached else None)
+    recipe = FreiHandRecipe(folder.root, FULL, reading=reading)
+    path = folder.root / "training" / "rgb" / "00000000.jpg"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-40])
+    assert FreiHand("train", recipe).reader.read(0) is None
+    path.write_bytes(whole)
+    assert FreiHand("train", recipe).reader.read(0) is not None
+
+
+def test_rewritten_masks_move_the_crops_around_them(folder: Folder, tmp_path: Path) -> None:
+    crop = CropPolicy(48, "mask")
+    recipe = FreiHandRecipe(folder.root, crop, reading=ReadingPolicy(tmp_path / "cache"))
+    masks = folder.root / "training" / "mask"
+    masks.mkdir()
+
+    def write_masks(low: int) -> None:
+        mask = np.zeros((SIZE, SIZE, 3), dtype=np.uint8)
+        mask[low : low + 20, low : low + 20] = 255
+        for number in range(len(folder.landmarks)):
+            cv2.imwrite(str(masks / f"{number:08d}.jpg"), mask)
+
+    write_masks(8)
+    old = FreiHand("val", recipe)[0]
+    write_masks(20)
+    new = FreiHand("val", recipe)[0]
+    # The same hand in a square of the same size whose corner is 12 pixels further right and down.
+    assert new.source == old.source
+    assert (old.landmarks_2d - new.landmarks_2d).amin() > 12
+
+
+@pytest.mark.parametrize("row", [-1, 3, 80, 1000])
+def test_a_row_that_is_not_in_the_map_is_refused(folder: Folder, tmp_path: Path, row: int) -> None:
+    hands = FreiHand("train", FreiHandRecipe(folder.root, FULL)).hands
+    rows = np.array([0, 1, 2, 5])
+    reader = CropReader(hands, rows, FULL, ReadingPolicy(tmp_path / "cache"))
+    assert all(reader.read(known) is not None for known in rows.tolist())
+    with pytest.raises(
+        KeyError, match=rf"Row {row} of freihand-training is not among the 4 in its"
+    ):
+        reader.read(row)

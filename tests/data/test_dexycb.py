@@ -1,9 +1,11 @@
 """DexYCB's files become samples: labels, sides, ids, what is dropped and what is refused."""
 
 import logging
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -134,17 +136,49 @@ def test_a_split_without_any_hand_is_refused(root: Path) -> None:
         DexYcb("test", recipe(root))
 
 
-def test_labels_are_read_once_and_anew_when_a_folder_changes(root: Path, tmp_path: Path) -> None:
+def test_labels_are_read_once_and_anew_when_one_is_rewritten(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reading = ReadingPolicy(tmp_path / "cache", decode_cache=False)
     first = DexYcb("test", recipe(root, reading=reading))
-    label = root / first.hands.source(0).replace("color", "labels").replace("jpg", "npz")
-    label.write_bytes(b"no zip file")
-    # Bytes in a file that stayed are not looked at, as the documentation says.
-    second = DexYcb("test", recipe(root, reading=reading))
+    folder = (root / first.hands.source(0)).parent
+    label = folder / "labels_000000.npz"
+    content, changed = label.read_bytes(), folder.stat().st_mtime_ns
+    with monkeypatch.context() as patched:
+        patched.setattr(labels_module, "_read_all", None)
+        second = DexYcb("test", recipe(root, reading=reading))
     np.testing.assert_array_equal(first.labels.joint_3d, second.labels.joint_3d)
-    (label.parent / "labels_000009.npz").write_bytes(b"")
+    # As many bytes, in a file that stayed, in a folder that does not change.
+    label.write_bytes(bytes(len(content)))
+    assert folder.stat().st_mtime_ns == changed
     with pytest.raises(ValueError, match=rf"{label.name} cannot be read as DexYCB's labels"):
         DexYcb("test", recipe(root, reading=reading))
+
+
+def test_a_picture_that_is_mended_in_place_is_decoded_and_labels_are_not_read_again(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reading = ReadingPolicy(tmp_path / "cache")
+    whole = DexYcb("test", recipe(root))
+    picture = root / whole.hands.source(0)
+    content = picture.read_bytes()
+    picture.write_bytes(content[:-40])
+    assert DexYcb("test", recipe(root, reading=reading)).reader.read(0) is None
+    picture.write_bytes(content)
+    monkeypatch.setattr(labels_module, "_read_all", None)
+    mended = DexYcb("test", recipe(root, reading=reading)).reader.read(0)
+    assert mended is not None
+    assert np.array_equal(mended.pixels, whole[0].image)
+
+
+def test_folders_are_looked_at_once_per_start(
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked = Mock(wraps=os.scandir)
+    monkeypatch.setattr("hand_recon.data.dexycb.listing.os.scandir", looked)
+    DexYcb("test", recipe(written, reading=ReadingPolicy(tmp_path / "cache")))
+    cameras = [one for call in looked.call_args_list if (one := call.args[0]).name in SERIALS]
+    assert len(cameras) == len(set(cameras)) == 6
 
 
 def test_processes_read_what_one_process_reads(

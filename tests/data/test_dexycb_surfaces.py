@@ -125,7 +125,10 @@ def test_test_samples_have_surfaces_mirrored_with_their_hands(root: Path, mano: 
     [
         ((None, "mano"), r"data.mano names no folder of MANO .*: vertex metrics are left out"),
         (("empty", "mano"), r"metrics are left out. No MANO hand at .*hand_recon.prepare mano"),
-        ((None, "open"), r"cannot be compared vertex by vertex with hand=open: .*topology=mano"),
+        (
+            (None, "open"),
+            r"cannot be compared vertex by vertex with hand=open: .*hand=mano has them",
+        ),
     ],
 )
 def test_surfaces_that_cannot_be_made_or_compared_are_left_out_aloud(
@@ -170,6 +173,14 @@ def test_training_hands_in_this_projects_parameters_are_the_labelled_hands(
         turned = surfaces(row) * (MIRROR if training.left[row] else 1)
         np.testing.assert_allclose(hand[place], turned, atol=5e-6)
     assert torch.equal(parameters.shape[0], torch.from_numpy(surfaces.betas[rows[0]]).float())
+
+
+def test_a_look_at_the_training_hands_shows_their_surfaces(root: Path, mano: Path) -> None:
+    data = DexYcbDataModule(
+        root, setup="s2", partial=True, label_workers=0, mano=mano, topology="mano"
+    )
+    assert data.dataset("train")[0].vertices is None
+    assert data.dataset_with_surfaces("train")[0].vertices is not None
 
 
 def test_without_mano_there_are_no_parameters(root: Path) -> None:

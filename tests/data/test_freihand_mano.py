@@ -10,6 +10,8 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe
+from hand_recon.data.images import read_image
+from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.hand.mano import mano_hand
 from hand_recon.hand.mano_labels import freihand_parameters
 from hand_recon.hand.mano_layer import ManoLayer
@@ -78,3 +80,42 @@ def test_surfaces_are_scored_with_mano_and_left_out_without(
     )
     assert FreiHand("test", FreiHandRecipe(folder.root, crop))[0].vertices is None
     assert "hand=mano has them" in caplog.text
+
+
+def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_pictures(
+    mano: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "FreiHAND_pub_v2"
+    layer = ManoLayer.load(mano, landmarks="mano")
+    write_freihand_layout(root, FreiHandFolder(unique=8, evaluation=2, mano=layer))
+    data = FreiHandDataModule(root, mano=mano, crop=CropPolicy(224), topology="mano")
+    parameters = data.train_parameters()
+    assert parameters is not None
+    training = data.dataset_with_surfaces("train")
+    with torch.no_grad():
+        placed = mano_hand(mano).place(parameters)
+    first_versions = [training[index] for index in range(len(parameters.shape))]
+    for made, landmarks, sample in zip(
+        placed.vertices, placed.landmarks, first_versions, strict=True
+    ):
+        assert sample.vertices is not None
+        assert sample.landmarks_3d is not None
+        torch.testing.assert_close(made, sample.vertices, atol=2e-6, rtol=0)
+        torch.testing.assert_close(landmarks, sample.landmarks_3d, atol=2e-6, rtol=0)
+        # All of the hand is in the picture, where the mask has it.
+        assert ((sample.landmarks_2d > 0) & (sample.landmarks_2d < 224)).all()
+        mask = read_image(root / "training" / "mask" / f"{image_number(sample.source):08d}.jpg")
+        assert mask is not None
+        u, v = sample.landmarks_2d.numpy().astype(int).T
+        assert (mask[v, u, 0] > 150).mean() > 0.8
+    # Gestures are natural: bent further than a hinge allows is nobody's finger.
+    bends = parameters.joint_angles[:, [4, 5, 7, 8, 10, 11, 13, 14], 0]
+    assert bends.min() > -0.2
+    assert bends.max() < 2.3
+
+
+def test_surfaces_are_shown_for_every_split_on_demand_alone(folder: Folder) -> None:
+    data = FreiHandDataModule(folder.root, crop=CropPolicy(64), topology="mano")
+    for split in ("train", "val"):
+        assert data.dataset(split)[0].vertices is None
+        assert data.dataset_with_surfaces(split)[0].vertices is not None

@@ -14,6 +14,7 @@ from hand_recon.data.ho3d.annotations import read_annotations
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.data.ho3d.files import open_part
 from hand_recon.schema import HandSample
+from tests.data.freihand_folder import edit_json
 from tests.data.ho3d_folder import (
     Folder,
     Hand,
@@ -165,6 +166,19 @@ def test_one_recording_cannot_be_split(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "own", train={"ABF10": 2, "ABF11": 2})
     with pytest.raises(ValueError, match=r"1 recordings \(ABF1\) cannot be split"):
         Ho3d("train", recipe(folder))
+
+
+def test_crops_around_joints_follow_a_changed_truth(folder: Folder, tmp_path: Path) -> None:
+    reading = ReadingPolicy(tmp_path / "cache")
+    wanted = recipe(folder, test_crop=JOINTS, reading=reading)
+    old = Ho3d("test", wanted)[0]
+    edit_json(folder.root / "evaluation_xyz.json", lambda a: np.add(a, [0.01, 0, 0], out=a))
+    new, decoded = (
+        Ho3d("test", one)[0] for one in (wanted, replace(wanted, reading=ReadingPolicy()))
+    )
+    assert new.source == old.source
+    assert not torch.equal(new.image, old.image)
+    assert torch.equal(new.image, decoded.image)
 
 
 def test_annotations_are_read_once(

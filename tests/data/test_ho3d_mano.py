@@ -56,6 +56,12 @@ def test_parameters_pose_the_hand_that_the_labels_show(folder: Folder, mano: Pat
     assert fewer.shape.shape == (3, 10)
 
 
+def test_a_look_at_the_training_hands_shows_their_surfaces(folder: Folder, mano: Path) -> None:
+    module = Ho3dDataModule(folder.root, crop=CROP, mano=mano, topology="mano")
+    assert module.dataset("train")[0].vertices is None
+    assert module.dataset_with_surfaces("train")[0].vertices is not None
+
+
 def test_without_mano_there_are_no_parameters(
     folder: Folder, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

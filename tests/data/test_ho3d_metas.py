@@ -5,6 +5,8 @@ import copyreg
 import io
 import os
 import pickle
+import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hand_recon.data.ho3d import metas
 from hand_recon.data.ho3d.metas import RefusedMetaError, read_meta
+from tests.hand.inert_pickles import HOSTILE_PICKLES, HOSTILE_VALUES, entry
 from tests.hand.mano_file import opcodes
 
 NUMBERS = np.arange(63.0).reshape(21, 3) - 0.25
@@ -143,7 +147,7 @@ def test_arrays_of_objects_and_of_the_wrong_size_are_no_numbers(tmp_path: Path) 
     odd = np.array([{"a": 1}, "text"], dtype=object)
     meta = read_meta(write(tmp_path / "0000.pkl", {"odd": odd, "text": np.array(["a"]), "s": "x"}))
     for key in ("odd", "text", "s"):
-        with pytest.raises(RefusedMetaError, match=rf"0000\.pkl: {key} is a"):
+        with pytest.raises(RefusedMetaError, match=rf"0000\.pkl: {key}: an? "):
             meta.numbers(key, (2,))
     content = pickle.dumps({"short": np.zeros(3)}, protocol=4).replace(b"K\x03\x85", b"K\xff\x85")
     (tmp_path / "1.pkl").write_bytes(content)
@@ -183,4 +187,49 @@ def test_a_huge_file_is_not_even_read_as_a_pickle(tmp_path: Path) -> None:
     with io.FileIO(path, "w") as stream:
         stream.truncate(2**24 + 1)
     with pytest.raises(RefusedMetaError, match="16777217 bytes"):
+        read_meta(path)
+
+
+@pytest.mark.parametrize("name", HOSTILE_VALUES)
+def test_a_tiny_meta_of_endless_values_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "0000.pkl"
+    path.write_bytes(entry(HOSTILE_VALUES[name], "camMat"))
+    tracemalloc.start()
+    began = time.process_time()
+    try:
+        meta = read_meta(path)
+        with pytest.raises(RefusedMetaError, match=r"0000\.pkl: camMat: an? .{3,500}$"):
+            meta.numbers("camMat", (3, 3))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - began < 3
+    assert peak < 64 * 2**20 + 4 * path.stat().st_size
+
+
+@pytest.mark.parametrize("name", HOSTILE_PICKLES)
+def test_no_key_of_a_meta_is_hashed_but_text(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "0000.pkl"
+    path.write_bytes(HOSTILE_PICKLES[name])
+    began = time.process_time()
+    with pytest.raises(RefusedMetaError, match=r"0000\.pkl is refused: "):
+        read_meta(path)
+    assert time.process_time() - began < 3
+
+
+def test_a_meta_of_too_many_instructions_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metas, "MAX_OPERATIONS", 1000)
+    path = tmp_path / "0000.pkl"
+    path.write_bytes(999 * b"]" + b"}.")
+    with pytest.raises(RefusedMetaError, match=r"0000\.pkl .*more than 1000 instructions"):
+        read_meta(path)
+
+
+@pytest.mark.parametrize("module", ["chumpy.ch Ch", "scipy.sparse.csc csc_matrix", "builtins set"])
+def test_what_manos_pickles_may_ask_for_no_meta_may(tmp_path: Path, module: str) -> None:
+    path = tmp_path / "0000.pkl"
+    path.write_bytes(b"\x80\x02c" + module.replace(" ", "\n").encode() + b"\n)R.")
+    with pytest.raises(RefusedMetaError, match="asks for " + module.replace(" ", r"\.")):
         read_meta(path)

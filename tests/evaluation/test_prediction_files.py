@@ -1,5 +1,7 @@
+import contextlib
 import io
 import json
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from hand_recon.evaluation import prediction_json
+from hand_recon.evaluation import prediction_files, prediction_json
 from hand_recon.evaluation.prediction_files import read_ground_truth, read_pair, read_predictions
 from hand_recon.evaluation.prediction_json import read_point_list, read_point_lists
 from hand_recon.evaluation.protocols import PROTOCOLS
@@ -47,6 +49,9 @@ def test_an_empty_list_of_vertices_is_none(second: list[object]) -> None:
 
 
 MISTAKES = {
+    "deep lists": ("[[[[1" + 100_000 * ",[2" + "]]", r"something else than points"),
+    "a number as a point": ("[[[[1,2,3],5,[1,2,3]],[", r"something else than points"),
+    "more after landmarks": (pred(points()) + "  \n [", r"after its end follows"),
     "verts first": (pred(points(count=778), points()), r"778 points and not 21; this seems to be the mesh"),
     "two hands": (pred(points(count=42), points()), r"42 points and not 21; those of one hand"),
     "no wrist": (pred(points(count=20), points()), r"20 points and not 21; one is missing"),
@@ -195,9 +200,83 @@ def test_dexycbs_ground_truth_in_a_folder_is_in_metres_and_skips_what_is_not_ann
         ("x" + ",1" * 63, r"an entry that is no number"),
         ("", r"is empty"),
         (2 * ("4" + ",1" * 63 + "\n"), r"2 lines for id 4"),
+        ("4" + ",1" * 63 + "\n1.5" + ",1" * 63, r"has the id 1\.5; expected is a whole number"),
+        ("-1" + ",1" * 63, r"has the id -1\.0"),
+        ("nan" + ",1" * 63, r"has the id nan"),
+        ("1e300" + ",1" * 63, r"has the id 1e\+300"),
+        ("4" + ",1" * 62 + "," + 65 * "1", r"Line 1 of .* more than 64 characters"),
     ],
 )
 def test_other_text_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "mine.txt").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_predictions(tmp_path / "mine.txt", DEXYCB)
+
+
+def spaces(path: Path, text: str, count: int = 1 << 27) -> Path:
+    """An archive of a text and so many spaces, which packs a thousandfold."""
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("pred.json", "w") as stream,
+    ):
+        stream.write(text.encode())
+        for _ in range(count >> 20):
+            stream.write(b" " * (1 << 20))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"it is empty"),
+        (pred(points())[:-2], r"cut off within the landmarks"),
+        (pred(points())[:-1], r"not followed by the vertices"),
+        (pred(points(), points(count=30))[:-4], r"cut off"),
+        (pred(points(), points(count=30)), ""),
+    ],
+)
+def test_an_archive_of_spaces_takes_no_memory(tmp_path: Path, text: str, message: str) -> None:
+    path = spaces(tmp_path / "pred.zip", text)
+    assert path.stat().st_size < 200_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=message) if message else contextlib.nullcontext():
+            read_predictions(path, FREIHAND)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 26, "the text has 128 MiB, a chunk 16"
+
+
+def test_an_archive_that_would_unpack_to_more_than_is_read_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prediction_files, "MAX_BYTES", 1 << 20)
+    path = spaces(tmp_path / "pred.zip", "", (1 << 20) + (1 << 20))
+    with pytest.raises(ValueError, match=r"pred.zip:pred.json would unpack to 2097152 bytes"):
+        read_predictions(path, FREIHAND)
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "text", "message"),
+    [
+        ("MAX_BYTES", 9000, pred(points(), points()) + 9000 * " ", r"longer than the 9000 bytes"),
+        ("MAX_LANDMARK_BYTES", 8000, pred(points(20))[:-3] + 9000 * ",1", r"take more than 8000"),
+        ("MAX_NUMBERS", 300, pred(points(), points(count=90)), r"more than 300 numbers"),
+        ("LONGEST", 1000, pred(points())[:-1] + ",[[[" + 9000 * "1", r"more than 1000 digits"),
+    ],
+)
+def test_all_that_is_kept_has_a_bound(
+    bound: str, value: int, text: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prediction_json, "CHUNK", 1000)
+    monkeypatch.setattr(prediction_json, "HEAD", 3000)
+    monkeypatch.setattr(prediction_json, bound, value)
+    with pytest.raises(ValueError, match=rf"^p is no file of predictions: .*{message}"):
+        read_point_lists(io.BytesIO(text.encode()), "p")
+
+
+def test_whole_ids_are_read_however_they_are_written(tmp_path: Path) -> None:
+    rows = [name + ",1" * 63 for name in ("7", "8.0", "9.000000000000000000e+00")]
+    (tmp_path / "mine.txt").write_text("\n".join(rows))
+    assert read_predictions(tmp_path / "mine.txt", DEXYCB).ids.tolist() == [7, 8, 9]

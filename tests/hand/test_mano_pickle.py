@@ -13,7 +13,9 @@ import scipy.sparse
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hand_recon.hand.mano_pickle import ALLOWED, Inert, RefusedPickleError, load_pickle, to_array
+from hand_recon.hand.inert_pickle import Record, RefusedPickleError
+from hand_recon.hand.mano_pickle import ALLOWED, load_pickle, to_array
+from hand_recon.hand.pickled_arrays import NoNumbersError
 from tests.hand.mano_file import Named, mano_arrays, mano_pickle, opcodes
 
 ORIGINAL = b"\x80\x02%s."
@@ -115,16 +117,15 @@ def test_an_extension_code_does_not_pass_by_the_list(extension: int, tmp_path: P
 
 
 @pytest.mark.parametrize("allowed", sorted(ALLOWED))
-def test_a_pickle_cannot_change_the_records_classes(allowed: tuple[str, str]) -> None:
-    record = ALLOWED[allowed]
-    before = dict(vars(record))
+def test_a_pickle_cannot_change_what_its_names_stand_for(allowed: tuple[str, str]) -> None:
+    before = dict(vars(Record))
     data = b"\x80\x02" + _global(*allowed) + b"}(" + _text("__setstate__") + b"Nub."
-    with pytest.raises(RefusedPickleError):
+    with pytest.raises(RefusedPickleError, match="gives a state to a _Name"):
         load_pickle(data, "bad.pkl")
     with_slots = data.replace(b"ub.", b"u" + b"}(" + _text("state") + b"Nu\x86b.")
     with pytest.raises(RefusedPickleError):
         load_pickle(with_slots, "bad.pkl")
-    assert dict(vars(record)) == before
+    assert dict(vars(Record)) == before
 
 
 def test_a_record_only_stores_its_state() -> None:
@@ -132,7 +133,7 @@ def test_a_record_only_stores_its_state() -> None:
     state = {"__class__": 1, "to_array": 2, "x": 3}
     content = load_pickle(ORIGINAL % opcodes({"a": Named("chumpy.ch Ch", state)}), "a.pkl")
     record = content["a"]
-    assert isinstance(record, Inert)
+    assert isinstance(record, Record)
     assert record.state == state
     assert not hasattr(record, "__dict__")
     assert to_array(record) == 3
@@ -157,7 +158,7 @@ def mano_pickle_head() -> bytes:
 
 
 def test_what_is_no_dictionary_is_refused() -> None:
-    with pytest.raises(RefusedPickleError, match="holds a list, expected MANO's dictionary"):
+    with pytest.raises(RefusedPickleError, match="holds a list, expected a dictionary"):
         load_pickle(b"\x80\x02].", "list.pkl")
 
 
@@ -243,5 +244,5 @@ def _cycle() -> bytes:
 )
 def test_records_that_hold_no_numbers_give_none(data: bytes) -> None:
     record = load_pickle(data, "a.pkl")["a"]
-    with pytest.raises((TypeError, ValueError, IndexError, RecursionError)):
+    with pytest.raises(NoNumbersError, match=r"^an? "):
         to_array(record)

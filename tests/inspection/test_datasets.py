@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import pytest
@@ -42,8 +43,25 @@ def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
 def test_freihand_is_counted(tmp_path: Path) -> None:
     root = write_folder(tmp_path / "deep" / "FreiHAND_pub_v2", hands=5).root
     found = named(look_at_datasets(tmp_path), "FreiHAND training")
+    assert found.state == "absent"
+    assert found.found.splitlines() == [
+        f"20 of 130,240 pictures, lists K xyz scale; {root}",
+        "A set of your own, or FreiHAND_pub_v2.zip is not all there",
+    ]
+    assert found.cure == f"python -m hand_recon.prepare check data=freihand data.root={root}"
+
+
+def test_freihand_with_more_pictures_than_there_are_or_with_none_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = write_folder(tmp_path / "FreiHAND_pub_v2", hands=5).root
+    wanted = {"training": (16, "a.zip"), "evaluation": (3, "b.zip")}
+    monkeypatch.setattr("hand_recon.inspection.datasets.FREIHAND", wanted)
+    assert named(look_at_datasets(tmp_path), "FreiHAND training").state == "wrong"
+    shutil.rmtree(root / "training")
+    found = named(look_at_datasets(tmp_path), "FreiHAND training")
     assert found.state == "wrong"
-    assert found.found == f"20 of 130,240 pictures, lists K xyz scale; {root}"
+    assert found.cure == "Unpack a.zip again: all pictures are in it."
 
 
 def test_a_whole_freihand_is_good(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,17 +81,32 @@ def test_ho3d_is_told_by_its_lists(tmp_path: Path) -> None:
     (root / "train.txt").write_text("ABF10/0000\nABF10/0001\n")
     (root / "evaluation.txt").write_text("SM1/0000\n\n")
     found = named(look_at_datasets(tmp_path), "HO3D")
-    assert found.state == "wrong"
+    assert found.state == "absent"
     assert found.found.startswith(
         "v2: 2 of 66,034 training and 1 of 11,524 evaluation frames, without"
     )
+    assert found.cure == (
+        f"python -m hand_recon.prepare check data=ho3d data.root={root} data.version=v2"
+    )
+    (root / "evaluation.txt").write_text("SM1/0000\n" * 11_525)
+    assert named(look_at_datasets(tmp_path), "HO3D").state == "wrong"
 
 
 def test_dexycb_is_counted_by_subject(tmp_path: Path) -> None:
-    for subject in ("20200709-subject-01", "20200813-subject-02"):
-        for recording in range(3):
-            (tmp_path / "DexYCB" / subject / f"2020_{recording}").mkdir(parents=True)
-    (tmp_path / "DexYCB" / "calibration").mkdir()
-    found = named(look_at_datasets(tmp_path), "DexYCB")
-    assert found.state == "wrong"
-    assert found.found.startswith("2 of 10 subjects, 6 of 1,000 recordings")
+    root = tmp_path / "DexYCB"
+    for subject, recordings in (("20200709-subject-01", 100), ("20200813-subject-02", 99)):
+        for recording in range(recordings):
+            (root / subject / f"2020_{recording}").mkdir(parents=True)
+    (root / "calibration").mkdir()
+    # No split can be made of 99 recordings.
+    broken = named(look_at_datasets(tmp_path), "DexYCB")
+    assert broken.state == "wrong"
+    assert broken.found.startswith("2 of 10 subjects, 199 of 1,000 recordings")
+    assert broken.cure.endswith("other than 100 recordings: 20200813-subject-02.")
+    (root / "20200813-subject-02" / "2020_99").mkdir()
+    partial = named(look_at_datasets(tmp_path), "DexYCB")
+    assert partial.state == "absent"
+    assert partial.found.splitlines()[1].startswith("Without 20200820-subject-03, 20200903-subject")
+    assert partial.cure == (
+        f"python -m hand_recon.prepare check data=dexycb data.root={root} data.partial=true"
+    )

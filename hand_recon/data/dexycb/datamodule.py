@@ -10,7 +10,7 @@ import torch
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.datamodule import HandDataModule, HandDataset
 from hand_recon.data.dexycb.dataset import AROUND_JOINTS, DexYcb, DexYcbRecipe
 from hand_recon.schema import HandParameters
 
@@ -60,6 +60,10 @@ class DexYcbDataModule(HandDataModule):
             augmentation=augmentation,
             seed=seed,
         )
+
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """A split with its surfaces, as far as they compare with the hand model's."""
+        return DexYcb(split, self.recipe, with_vertices=True)
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
         """Pose and shape of the training hands, left ones mirrored, through MANO.

@@ -6,6 +6,7 @@
 
 import os
 import re
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,10 @@ _SEQUENCE_NAME: Final = re.compile(r"\d{8}_\d{6}")
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """Ten times as fast where libyaml is there; a thousand files are read at every start."""
 
+_SHORT: Final = reprlib.Repr()
+"""Shows what was found, and of lists in lists two levels."""
+_SHORT.maxlevel = 2
+
 
 @dataclass(frozen=True)
 class Grasp:
@@ -60,7 +65,12 @@ class Grasp:
 
 def picture_path(grasp: Grasp, camera: int, frame: int) -> Path:
     """The picture of a frame."""
-    return grasp.folder / SERIALS[camera] / f"color_{frame:06d}.jpg"
+    return grasp.folder / SERIALS[camera] / picture_name(frame)
+
+
+def picture_name(frame: int) -> str:
+    """What a frame's picture is called in each camera's folder."""
+    return f"color_{frame:06d}.jpg"
 
 
 def label_path(folder: Path, frame: int) -> Path:
@@ -190,7 +200,9 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not YAML ({error}); unpack its archive again.") from error
     if not isinstance(content, dict):
-        raise ValueError(f"{path} holds {content!r}, expected names and values; unpack it again.")
+        # An alias makes a list of a few bytes endless to write out.
+        shown = _SHORT.repr(content)
+        raise ValueError(f"{path} holds {shown}, expected names and values; unpack it again.")
     return content
 
 

@@ -5,7 +5,6 @@ taken as it is: no half pixel is added, although the camera's maker counts pixel
 """
 
 import io
-import itertools
 import logging
 import multiprocessing
 import zipfile
@@ -18,8 +17,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hand_recon.data.cache import digest, ensure_built, file_identity
-from hand_recon.data.dexycb.files import SERIALS, label_path
+from hand_recon.data.cache import ensure_built
+from hand_recon.data.dexycb.files import label_path
+from hand_recon.data.dexycb.listing import FrameFiles, Task, look_at_files, tasks_of
 from hand_recon.data.dexycb.splits import Frames
 from hand_recon.data.progress import with_progress
 
@@ -68,18 +68,20 @@ class DexYcbLabels:
         }
 
 
-def read_labels(frames: Frames, name: str, cache: Path | None, workers: int) -> DexYcbLabels:
+def read_labels(
+    frames: Frames, name: str, cache: Path | None, workers: int, files: FrameFiles | None = None
+) -> DexYcbLabels:
     """The labels of frames, in their order.
 
-    They are kept in the cache under a name that depends on the frames and on when each folder of labels
-    last changed. Folders change when files come, go or are replaced by unpacking anew; bytes that were
-    written into a file that stayed are not noticed: delete the cache after that.
+    They are kept in the cache under a name that depends on the frames and on each label's size and time of
+    change: what is written anew is read anew.
 
     Args:
         frames: Which.
         name: Of the split, for the cache's name and messages.
         cache: Folder of caches; none reads every time.
         workers: Processes that read; 0 or 1 reads in this one.
+        files: Of the frames, where they were looked at already.
 
     Raises:
         FileNotFoundError: A folder or file is missing.
@@ -87,7 +89,8 @@ def read_labels(frames: Frames, name: str, cache: Path | None, workers: int) -> 
     """
     if cache is None:
         return DexYcbLabels(**_read_all(frames, workers))
-    target = cache / f"dexycb-{name}-labels-{labels_fingerprint(frames)}"
+    files = files or look_at_files(frames)
+    target = cache / f"dexycb-{name}-labels-{files.labels}"
 
     def build(partial: Path) -> None:
         logger.info("Reading the labels of %d frames of DexYCB %s once", len(frames), name)
@@ -98,18 +101,6 @@ def read_labels(frames: Frames, name: str, cache: Path | None, workers: int) -> 
     return DexYcbLabels(
         **{column: np.load(target / f"{column}.npy", allow_pickle=False) for column in SHAPES}
     )
-
-
-def labels_fingerprint(frames: Frames) -> str:
-    """Changes with the frames asked for, with a `meta.yml` and with the time of change of a folder.
-
-    Raises:
-        FileNotFoundError: A camera's folder is missing.
-    """
-    metas = [file_identity(grasp.folder / "meta.yml") for grasp in frames.grasps]
-    folders = [(str(task[0]), task[0].stat().st_mtime_ns) for task in _tasks(frames)]
-    wanted = (frames.grasp.tobytes(), frames.camera.tobytes(), frames.number.tobytes())
-    return digest(metas, folders, wanted)
 
 
 def labelled_rows(labels: DexYcbLabels, name: str) -> Int[np.ndarray, " row"]:
@@ -177,30 +168,11 @@ def check_labels(
         )
 
 
-Task = tuple[Path, tuple[int, ...]]
-"""The folder of a camera, and the numbers of the frames to read in it."""
-
-
-def _tasks(frames: Frames) -> Iterator[Task]:
-    """The frames, in their order, by folder."""
-    key = frames.grasp * len(SERIALS) + frames.camera
-    starts = np.flatnonzero(np.diff(key, prepend=-1))
-    for start, stop in itertools.pairwise([*starts.tolist(), len(frames)]):
-        grasp = frames.grasps[int(frames.grasp[start])]
-        folder = grasp.folder / SERIALS[int(frames.camera[start])]
-        if not folder.is_dir():
-            raise FileNotFoundError(
-                f"No folder {folder}: every sequence has the pictures of eight cameras. Unpack the archive "
-                "of its subject again."
-            )
-        yield folder, tuple(frames.number[start:stop].tolist())
-
-
 def _read_all(frames: Frames, workers: int) -> dict[str, Float[np.ndarray, "frame ..."]]:
     arrays = {
         column: np.empty((len(frames), *shape), np.float32) for column, shape in SHAPES.items()
     }
-    tasks = list(_tasks(frames))
+    tasks = list(tasks_of(frames))
     done = 0
     for part in with_progress(_parts(tasks, workers), len(tasks), "Reading folders of labels"):
         count = len(part["pose_m"])

@@ -9,7 +9,7 @@ import torch
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.datamodule import HandDataModule, HandDataset
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe, training_mano
 from hand_recon.hand.mano_labels import freihand_parameters
@@ -65,6 +65,10 @@ class FreiHandDataModule(HandDataModule):
             augmentation=augmentation,
             seed=seed,
         )
+
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """A split with its surfaces, as far as they compare with the hand model's."""
+        return FreiHand(split, self.recipe, with_vertices=True)
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
         """Pose and shape of the training hands, from `training_mano.json` and the user's own MANO.

@@ -14,7 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.data.cache import digest
-from hand_recon.data.freihand.pictures import ARCHIVES, NumberedPictures, list_pictures
+from hand_recon.data.freihand.pictures import (
+    ARCHIVES,
+    NumberedPictures,
+    list_pictures,
+    masks_fingerprint,
+)
 from hand_recon.data.json_arrays import load_json_array
 
 logger = logging.getLogger(__name__)
@@ -39,7 +44,7 @@ class FreiHandPart:
     versions: tuple[str, ...]
     """Which versions of each hand are there."""
     fingerprint: str
-    """Changes whenever a picture or a label does."""
+    """Changes whenever a picture, a mask or a label does."""
     intrinsics: Float[np.ndarray, "hand 3 3"]
     """Camera matrices, pixels of the image."""
     landmarks: Float[np.ndarray, "hand landmark=21 3"]
@@ -116,13 +121,14 @@ def open_part(
             f"images ({len(landmarks) * allowed} in a full set). Unpack {ARCHIVES[part]} again, or "
             "cut the JSON lists to the images that you have."
         )
-    labels = digest(landmarks.tobytes(), intrinsics.tobytes())
+    # Whatever the crops are cut about: then maps of other crops are not taken for old ones.
+    masks = masks_fingerprint(rgb.with_name("mask"))
     return FreiHandPart(
         root=root,
         rgb=rgb,
         suffix=suffix,
         versions=VERSIONS[: count // len(landmarks)],
-        fingerprint=digest(fingerprint, labels),
+        fingerprint=digest(fingerprint, masks, landmarks, intrinsics),
         intrinsics=intrinsics,
         landmarks=landmarks,
     )

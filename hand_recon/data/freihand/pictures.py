@@ -44,12 +44,7 @@ def list_pictures(rgb: Path) -> tuple[str, int, str]:
             f"No folder {rgb}. It holds the pictures 00000000.jpg, 00000001.jpg and so on: unpack "
             f"{ARCHIVES['training']} again."
         )
-    found: dict[str, tuple[int, int]] = {}
-    with os.scandir(rgb) as entries:
-        for entry in entries:
-            if entry.name.lower().endswith(SUFFIXES):
-                status = entry.stat()
-                found[entry.name] = (status.st_size, status.st_mtime_ns)
+    found = _files(rgb)
     suffixes = {Path(name).suffix for name in found}
     if len(suffixes) != 1:
         raise ValueError(
@@ -65,3 +60,19 @@ def list_pictures(rgb: Path) -> tuple[str, int, str]:
                 "or rename your own pictures."
             )
     return suffix, len(found), digest(str(rgb.resolve()), sorted(found.items()))
+
+
+def masks_fingerprint(folder: Path) -> str:
+    """Changes whenever a mask does, by size or time; a folder that is not there has one too."""
+    return digest(sorted(_files(folder).items()) if folder.is_dir() else None)
+
+
+def _files(folder: Path) -> dict[str, tuple[int, int]]:
+    """Size and time of change of each picture in a folder."""
+    found = {}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.lower().endswith(SUFFIXES):
+                status = entry.stat()
+                found[entry.name] = (status.st_size, status.st_mtime_ns)
+    return found

@@ -9,7 +9,7 @@ import numpy as np
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.datamodule import HandDataModule, HandDataset
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.schema import HandParameters
 
@@ -63,6 +63,10 @@ class Ho3dDataModule(HandDataModule):
             augmentation=augmentation,
             seed=seed,
         )
+
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """A split with its surfaces, as far as they compare with the hand model's."""
+        return Ho3d(split, self.recipe, with_vertices=True)
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
         """What the annotations say of the training hands, through the user's MANO; none without it."""

@@ -1,7 +1,7 @@
 """Synthetic hands written as FreiHAND lies on disk, so that its loader and its training can be tested.
 
 Folders, file names, counts and JSON shapes are those of FreiHAND v2 (Zimmermann et al., ICCV 2019); only the
-hand is another: vertices are the open hand's, however many it has.
+hand is another: vertices are the open hand's, however many it has, unless the user's own MANO makes hands.
 """
 
 import json
@@ -14,9 +14,11 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, UInt8
 
+from hand_recon.data.synthetic.layouts.freihand_mano import ManoPicture, mano_picture
 from hand_recon.data.synthetic.levels import LEVELS, Level
 from hand_recon.data.synthetic.picture import SyntheticHand, synthetic_hand
 from hand_recon.data.synthetic.recipe import Recipe
+from hand_recon.hand.mano_layer import ManoLayer
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.schema import HandParameters
@@ -50,6 +52,9 @@ class FreiHandFolder:
     with_mano: bool = False
     """Whether to write `training_mano.json`: right in shape (1×61), but its numbers are the open hand's joint
     angles and shape padded with zeros, no MANO parameters."""
+    mano: ManoLayer | None = None
+    """MANO's right hand with the landmark set `mano`. It makes all hands, drawn plainly, and
+    `training_mano.json` has their parameters."""
     seed: int = 0
     """Of the hands."""
 
@@ -83,10 +88,10 @@ def write_freihand_layout(root: Path, folder: FreiHandFolder) -> None:
 def _write_split(root: Path, name: str, folder: FreiHandFolder, recipe: Recipe) -> None:
     training = name == "training"
     count = folder.unique if training else folder.evaluation
-    hands = []
+    hands: list[SyntheticHand | ManoPicture] = []
     for index in range(count):
         for version in range(VERSIONS if training else 1):
-            hand = synthetic_hand(recipe, index, appearance=version)
+            hand = _picture(folder, recipe, index, version)
             _write_image(root / name / "rgb" / f"{index + count * version:08d}.jpg", hand.image)
         if training:
             _write_image(root / name / "mask" / f"{index:08d}.jpg", _as_image(hand.mask))
@@ -96,8 +101,16 @@ def _write_split(root: Path, name: str, folder: FreiHandFolder, recipe: Recipe) 
     _write_json(root / f"{name}_scale.json", [np.array(_scale(hand)) for hand in hands])
     if folder.with_vertices:
         _write_json(root / f"{name}_verts.json", [_vertices(hand) for hand in hands])
-    if folder.with_mano and training:
-        _write_json(root / f"{name}_mano.json", [_padded_parameters(hand) for hand in hands])
+    if (folder.with_mano or folder.mano is not None) and training:
+        _write_json(root / f"{name}_mano.json", [_mano_numbers(hand) for hand in hands])
+
+
+def _picture(
+    folder: FreiHandFolder, recipe: Recipe, index: int, version: int
+) -> SyntheticHand | ManoPicture:
+    if folder.mano is not None:
+        return mano_picture(folder.mano, recipe, index, version)
+    return synthetic_hand(recipe, index, appearance=version)
 
 
 def _write_image(path: Path, image: UInt8[np.ndarray, "height width 3"]) -> None:
@@ -113,21 +126,25 @@ def _write_json(path: Path, arrays: list[np.ndarray]) -> None:
     path.write_text(json.dumps([array.tolist() for array in arrays]), encoding="utf-8")
 
 
-def _scale(hand: SyntheticHand) -> float:
+def _scale(hand: SyntheticHand | ManoPicture) -> float:
     """Length of the middle finger's proximal phalanx, metres."""
     start, end = (hand.landmarks_3d[landmark].astype(float) for landmark in _SCALE_BONE)
     return float(np.linalg.norm(start - end))
 
 
-def _vertices(hand: SyntheticHand) -> Float[np.ndarray, "vertex 3"]:
+def _vertices(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "vertex 3"]:
+    if isinstance(hand, ManoPicture):
+        return hand.vertices
     parts = (hand.joint_angles, hand.shape, hand.root_rotation, hand.translation)
     parameters = HandParameters(*(torch.from_numpy(part).float() for part in parts))
     with torch.no_grad():
         return np.asarray(open_hand("mano").place(parameters).vertices.numpy())
 
 
-def _padded_parameters(hand: SyntheticHand) -> Float[np.ndarray, "1 61"]:
-    """Three zeros, 45 joint angles, ten shape coefficients, then uv and scale as FreiHAND has them."""
+def _mano_numbers(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "1 61"]:
+    """MANO's, or three zeros, 45 joint angles, ten shape coefficients, then uv and scale as FreiHAND has."""
+    if isinstance(hand, ManoPicture):
+        return hand.label
     root = hand.landmarks_3d[_SCALE_BONE[0]].astype(float)
     focal = (hand.intrinsics[0, 0] + hand.intrinsics[1, 1]) / 2
     pixel = focal * root[:2] / root[2] + hand.intrinsics[:2, 2]

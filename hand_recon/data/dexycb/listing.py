@@ -1,0 +1,90 @@
+"""Which files of DexYCB some frames need, and whether any of them has changed: one look at each folder."""
+
+import itertools
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hand_recon.data.cache import digest, file_identity
+from hand_recon.data.dexycb.files import SERIALS, label_path, picture_name
+from hand_recon.data.dexycb.splits import Frames
+
+_LOOKERS: Final = 8
+"""Threads that ask for the sizes and times of files."""
+
+Task = tuple[Path, tuple[int, ...]]
+"""The folder of a camera, and the numbers of the frames to read in it."""
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """Short names that change whenever a file of some frames does, by size or time of change."""
+
+    labels: str
+    """Of the labels and of each `meta.yml`."""
+    pictures: str
+    """Of the pictures."""
+
+
+def look_at_files(frames: Frames) -> FrameFiles:
+    """Look once at the size and time of change of every label and picture of some frames.
+
+    Raises:
+        FileNotFoundError: A camera's folder is missing.
+    """
+    metas = [file_identity(grasp.folder / "meta.yml") for grasp in frames.grasps]
+    # Waiting for a disk across a network is what takes long: several threads wait at once.
+    with ThreadPoolExecutor(_LOOKERS) as pool:
+        seen = list(pool.map(_look_into_folder, tasks_of(frames)))
+    wanted = (frames.grasp, frames.camera, frames.number)
+    return FrameFiles(
+        labels=digest(metas, [labels for labels, _ in seen], *wanted),
+        pictures=digest([pictures for _, pictures in seen]),
+    )
+
+
+def tasks_of(frames: Frames) -> Iterator[Task]:
+    """The frames, in their order, by folder.
+
+    Raises:
+        FileNotFoundError: A camera's folder is missing.
+    """
+    key = frames.grasp * len(SERIALS) + frames.camera
+    starts = np.flatnonzero(np.diff(key, prepend=-1))
+    for start, stop in itertools.pairwise([*starts.tolist(), len(frames)]):
+        grasp = frames.grasps[int(frames.grasp[start])]
+        folder = grasp.folder / SERIALS[int(frames.camera[start])]
+        if not folder.is_dir():
+            raise FileNotFoundError(
+                f"No folder {folder}: every sequence has the pictures of eight cameras. Unpack the archive "
+                "of its subject again."
+            )
+        yield folder, tuple(frames.number[start:stop].tolist())
+
+
+def _look_into_folder(task: Task) -> tuple[str, str]:
+    """What its labels are known by, and its pictures; a file that is missing is none of them."""
+    folder, numbers = task
+    with os.scandir(folder) as entries:
+        there = {entry.name: entry for entry in entries}
+    kinds = (
+        [label_path(folder, number).name for number in numbers],
+        [picture_name(number) for number in numbers],
+    )
+    labels, pictures = (
+        digest(
+            str(folder), [(name, *_size_and_time(there[name])) for name in names if name in there]
+        )
+        for names in kinds
+    )
+    return labels, pictures
+
+
+def _size_and_time(entry: "os.DirEntry[str]") -> tuple[int, int]:
+    status = entry.stat()
+    return status.st_size, status.st_mtime_ns
