@@ -12,8 +12,8 @@ import pytest
 import trimesh
 from safetensors import safe_open
 
+from hand_recon.hand.inert_pickle import RefusedPickleError
 from hand_recon.hand.mano_conversion import KEYS, convert_pickle, prepare_mano
-from hand_recon.hand.mano_pickle import RefusedPickleError
 from hand_recon.hand.mano_store import FORMAT, file_name, read_mano
 from tests.hand.mano_file import RING_IDS, mano_arrays, mano_pickle, write_mano_pickle
 
