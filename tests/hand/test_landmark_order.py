@@ -24,7 +24,7 @@ def points(request: pytest.FixtureRequest, hand: HandModel) -> np.ndarray:
 def test_every_order_is_told_from_the_points(points: np.ndarray, order: str) -> None:
     written = points[:, landmark_permutation("freihand", order)]
     sums = bone_sums(written)
-    assert min(sums, key=lambda name: sums[name]) == order
+    assert min(sums, key=lambda name: float(sums[name].mean())) == order
     expected = None if order == "freihand" else order
     assert better_order(written) == expected
 
@@ -47,7 +47,7 @@ def test_the_sum_is_that_of_the_bones_over_the_hand() -> None:
     # 0-4 are one chain; the other four fingers start at the wrist again.
     line = np.arange(21.0)[None, :, None] * np.array([1.0, 0.0, 0.0])
     bones = sum(1 for child in range(1, 21) if child % 4 != 1) + (1 + 5 + 9 + 13 + 17)
-    assert bone_sums(line)["freihand"] == pytest.approx(bones / 20)
+    assert bone_sums(line)["freihand"].tolist() == pytest.approx([bones / 20])
 
 
 def test_too_few_complete_hands_say_nothing(points: np.ndarray) -> None:
@@ -55,3 +55,12 @@ def test_too_few_complete_hands_say_nothing(points: np.ndarray) -> None:
     written[FEWEST - 1 :, 3] = np.nan
     assert better_order(written) is None
     assert better_order(points[:, landmark_permutation("freihand", "rhd")]) == "rhd"
+
+
+def test_a_few_hands_that_look_otherwise_do_not_outvote_the_others(points: np.ndarray) -> None:
+    # Two thirds written from tip to base: shorter so on average, but not for every third hand.
+    written = points[:, landmark_permutation("freihand", "rhd")].copy()
+    written[::3] = points[::3]
+    sums = bone_sums(written)
+    assert sums["rhd"].mean() < sums["freihand"].mean()
+    assert better_order(written) is None
