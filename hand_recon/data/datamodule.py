@@ -257,12 +257,11 @@ def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:
     return samples if isinstance(samples, HandBatch) else collate(samples)
 
 
-class SeededShuffle(Sampler[int]):
+class EpochSampler(Sampler[int]):
     """A new order in each epoch, from the seed and the epoch alone, so that it can be resumed."""
 
-    def __init__(self, dataset: Sized, seed: int) -> None:
-        """Shuffle the indices of `dataset`."""
-        self.dataset = dataset
+    def __init__(self, seed: int) -> None:
+        """Start with the first epoch."""
         self.seed = seed
         self.epoch = 0
 
@@ -270,10 +269,22 @@ class SeededShuffle(Sampler[int]):
         """Choose the order; Lightning calls this at the start of each epoch."""
         self.epoch = epoch
 
-    def __iter__(self) -> Iterator[int]:
+    def generator(self) -> torch.Generator:
+        """The source of this epoch's draws."""
         place = repr((self.seed, self.epoch)).encode()
-        generator = torch.Generator().manual_seed(zlib.crc32(place))
-        yield from torch.randperm(len(self.dataset), generator=generator).tolist()
+        return torch.Generator().manual_seed(zlib.crc32(place))
+
+
+class SeededShuffle(EpochSampler):
+    """All samples of a dataset, in an order of their own in each epoch."""
+
+    def __init__(self, dataset: Sized, seed: int) -> None:
+        """Shuffle the indices of `dataset`."""
+        super().__init__(seed)
+        self.dataset = dataset
+
+    def __iter__(self) -> Iterator[int]:
+        yield from torch.randperm(len(self.dataset), generator=self.generator()).tolist()
 
     def __len__(self) -> int:
         return len(self.dataset)

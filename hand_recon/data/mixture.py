@@ -5,7 +5,6 @@ alone. No hand comes twice in an epoch before all of its dataset have come once.
 """
 
 import logging
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,11 +12,11 @@ from functools import partial
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.utils.data import DataLoader, Sampler
+from torch.utils.data import DataLoader
 
 from hand_recon.camera import default_intrinsics
 from hand_recon.data.augment import Augmentation
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import EpochSampler, HandDataModule, HandDataset
 from hand_recon.schema import HandParameters, HandSample
 
 logger = logging.getLogger(__name__)
@@ -78,7 +77,7 @@ class MixedHands:
         return sample
 
 
-class WeightedShuffle(Sampler[int]):
+class WeightedShuffle(EpochSampler):
     """Positions of an epoch: so many of each part, shuffled, from the seed and the epoch alone."""
 
     def __init__(self, sizes: Sequence[int], counts: Sequence[int], seed: int) -> None:
@@ -89,18 +88,12 @@ class WeightedShuffle(Sampler[int]):
             counts: Hands of each part in an epoch; more than it has come several times.
             seed: Of the order.
         """
+        super().__init__(seed)
         self.sizes = tuple(sizes)
         self.counts = tuple(counts)
-        self.seed = seed
-        self.epoch = 0
-
-    def set_epoch(self, epoch: int) -> None:
-        """Choose the order; Lightning calls this at the start of each epoch."""
-        self.epoch = epoch
 
     def __iter__(self) -> Iterator[int]:
-        place = repr((self.seed, self.epoch)).encode()
-        generator = torch.Generator().manual_seed(zlib.crc32(place))
+        generator = self.generator()
         drawn, start = [], 0
         for size, count in zip(self.sizes, self.counts, strict=True):
             rounds = -(-count // size)

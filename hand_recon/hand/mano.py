@@ -48,6 +48,29 @@ ALIASES: Final = {"mano": "freihand"}
 """Other names of sets."""
 
 
+JUDGED: Final = 100
+"""Hands by which a dataset's numbering of vertices is judged."""
+
+
+def follows_mano(
+    vertices: Float[np.ndarray, "hand vertex 3"],
+    landmarks: Float[np.ndarray, "hand landmark=21 3"],
+    landmark_set: str,
+) -> bool:
+    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips.
+
+    Args:
+        vertices: Of a dataset, metres; the first `JUDGED` hands are looked at.
+        landmarks: Of the same hands, in the same frame.
+        landmark_set: The dataset's, a key of `TIP_VERTICES`.
+    """
+    if vertices.shape[1] != 778:
+        return False
+    tips = np.asarray(vertices[:JUDGED, list(TIP_VERTICES[landmark_set])])
+    # The median: one badly fitted hand does not make the numbering another.
+    return bool(np.median(np.abs(tips - landmarks[:JUDGED, list(TIPS)])) < 1e-3)
+
+
 def mano_hand(path: Path | str, landmarks: str = "mano") -> HandModel:
     """The right hand of MANO.
 

@@ -9,6 +9,8 @@ import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
+# Also for the resolvers that it registers.
+from hand_recon.configuration import CONF
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -17,8 +19,6 @@ from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.synthetic_datamodule import SyntheticDataModule
 from hand_recon.schema import HandBatch, HandSample
 from tests.data.freihand_folder import write_folder
-
-CONF = str(Path(__file__).resolve().parents[2] / "conf")
 
 
 class Numbered:

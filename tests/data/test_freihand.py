@@ -8,8 +8,8 @@ import torch
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.freihand.dataset import FreiHand
-from hand_recon.data.freihand.files import MANO_TIPS
 from hand_recon.data.freihand.splits import FreiHandRecipe
+from hand_recon.hand.mano import TIP_VERTICES
 from tests.data.freihand_folder import (
     SIZE,
     Folder,
@@ -195,7 +195,7 @@ def test_one_odd_scale_in_many_is_a_warning(
 def write_vertices(folder: Folder, count: int, mano: bool = False) -> np.ndarray:
     vertices = np.random.default_rng(1).normal(0, 0.05, (20, count, 3))
     if mano:
-        vertices[:, MANO_TIPS] = folder.landmarks[:, 4::4]
+        vertices[:, list(TIP_VERTICES["freihand"])] = folder.landmarks[:, 4::4]
     write_json(folder.root / "training_verts.json", vertices)
     return vertices
 

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.data.annotated import AnnotatedHands
-from hand_recon.data.freihand.files import follows_mano
 from hand_recon.data.freihand.splits import FreiHandRecipe, choose_hands
 from hand_recon.data.images import read_image
 from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
+from hand_recon.hand.mano import follows_mano
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 
 logger = logging.getLogger(__name__)
@@ -115,7 +115,9 @@ class FreiHand(PictureHands):
                 self.part.root, vertices.shape[1], expected,
             )  # fmt: skip
             return None
-        if self.recipe.topology != "mano" and follows_mano(vertices, self.part.landmarks):
+        if self.recipe.topology != "mano" and follows_mano(
+            vertices, self.part.landmarks, "freihand"
+        ):
             logger.warning(
                 "%s has MANO's surfaces, which cannot be compared vertex by vertex with hand=%s: "
                 "vertex metrics are left out; hand=mano has them.",

@@ -27,9 +27,6 @@ logger = logging.getLogger(__name__)
 VERSIONS: Final = ("gs", "hom", "sample", "auto")
 """Green screen and three recolourings: image i + N·v is version v of hand i."""
 
-MANO_TIPS: Final = (744, 320, 443, 555, 672)
-"""Vertices at which FreiHAND's labels put the fingertips, thumb first, on MANO's surface."""
-
 
 @dataclass(frozen=True)
 class FreiHandPart:
@@ -150,17 +147,6 @@ def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Pat
         if (folder / "evaluation_xyz.json").is_file():
             return folder, folder if (folder / "evaluation" / "rgb").is_dir() else root
     return None
-
-
-def follows_mano(
-    vertices: Float[np.ndarray, "hand vertex 3"], landmarks: Float[np.ndarray, "hand landmark=21 3"]
-) -> bool:
-    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips."""
-    if vertices.shape[1] != 778:
-        return False
-    tips = np.asarray(vertices[:100, MANO_TIPS])
-    # The median: one badly fitted hand does not make the numbering another.
-    return bool(np.median(np.abs(tips - landmarks[:100, 4::4])) < 1e-3)
 
 
 def load_list(

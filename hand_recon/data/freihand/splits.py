@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,11 +11,9 @@ from jaxtyping import Float, Int
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.freihand.files import FreiHandPart, find_evaluation, load_list, open_part
+from hand_recon.data.held_out import check_held_out
 
 logger = logging.getLogger(__name__)
-
-TEST_SOURCES: Final = ("auto", "evaluation", "held_out")
-"""Which hands test."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +48,7 @@ class FreiHandRecipe:
     """The hand model's name: surfaces numbered as MANO's are compared with MANO only."""
 
     def __post_init__(self) -> None:
-        if self.test_source not in TEST_SOURCES:
-            raise ValueError(
-                f"Unknown test_source {self.test_source!r}; choose one of {list(TEST_SOURCES)}."
-            )
-        if not 0 < self.val_fraction < 0.5:
-            raise ValueError(
-                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that hands are "
-                "left to train on."
-            )
+        check_held_out(self.test_source, self.val_fraction)
 
 
 def choose_hands(

@@ -7,7 +7,6 @@ stores none; crops are cut around them in training and around HO3D's own boxes i
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +15,7 @@ from hand_recon.data.annotated import AnnotatedHands, Surfaces
 from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
+from hand_recon.data.held_out import check_held_out
 from hand_recon.data.ho3d.annotations import Annotations, read_annotations
 from hand_recon.data.ho3d.checks import check_landmarks, check_wrists_inside
 from hand_recon.data.ho3d.files import COUNTS, FramePictures, Ho3dPart, open_part
@@ -24,15 +24,9 @@ from hand_recon.data.ho3d.surfaces import ManoHands, load_mano_if_there
 from hand_recon.data.ho3d.truth import HOW_TO_GET, EvaluationTruth, find_truth, load_truth
 from hand_recon.data.images import read_image
 from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
-from hand_recon.hand.skeleton import TIPS
+from hand_recon.hand.mano import JUDGED, follows_mano
 
 logger = logging.getLogger(__name__)
-
-TEST_SOURCES: Final = ("auto", "evaluation", "held_out")
-"""Which hands test."""
-
-MANO_TIPS: Final = (744, 333, 444, 555, 672)
-"""Vertices at which HO3D's labels put the fingertips, thumb first, on MANO's surface."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +66,7 @@ class Ho3dRecipe:
     def __post_init__(self) -> None:
         if self.version not in COUNTS:
             raise ValueError(f"Unknown HO3D version {self.version!r}; choose one of {[*COUNTS]}.")
-        if self.test_source not in TEST_SOURCES:
-            raise ValueError(
-                f"Unknown test_source {self.test_source!r}; choose one of {list(TEST_SOURCES)}."
-            )
-        if not 0 < self.val_fraction < 0.5:
-            raise ValueError(
-                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that hands are "
-                "left to train on."
-            )
+        check_held_out(self.test_source, self.val_fraction)
 
     @property
     def folder(self) -> Path:
@@ -288,12 +274,8 @@ def _picture_size(pictures: FramePictures, rows: Int[np.ndarray, " row"]) -> tup
 
 def _follows_mano(truth: EvaluationTruth) -> bool:
     """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips."""
-    if truth.raw_vertices is None or truth.raw_vertices.shape[1] != 778:
+    if truth.raw_vertices is None:
         return False
-    count = min(100, len(truth.landmarks))
-    missed = [
-        np.abs(surface[list(MANO_TIPS)] - truth.landmarks[row, list(TIPS)])
-        for row in range(count)
-        if (surface := truth.surface(row)) is not None
-    ]
-    return bool(np.median(missed) < 1e-3)
+    rows = range(min(JUDGED, len(truth.landmarks)))
+    surfaces = [surface for row in rows if (surface := truth.surface(row)) is not None]
+    return follows_mano(np.stack(surfaces), truth.landmarks[: len(surfaces)], "ho3d")
