@@ -28,12 +28,14 @@ smoke: $(STAMP)  ## The same in about a minute, far too short to learn anything.
 
 ROWS := ablation_row1,ablation_row2,ablation_row3,ablation_row4,ablation_row5
 SEEDS ?= 0,1,2
+# As many runs at a time as there are processes for tests; each keeps to one thread.
+AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(WORKERS)
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
 	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)
 
 table1: $(STAMP)  ## The paper's Table 1 by training the lifter: five rows, three seeds, then the report.
-	$(BIN)/python -m hand_recon.train -m recipe=lifter +experiment=$(ROWS) seed=$(SEEDS) $(ARGS)
+	$(BIN)/python -m hand_recon.train -m recipe=lifter +experiment=$(ROWS) seed=$(SEEDS) $(AT_ONCE) $(ARGS)
 	$(BIN)/python -m hand_recon.report
 
 table1-fit: $(STAMP)  ## The same by fitting 500 hands of each seed to noisy landmarks, without a network.

@@ -132,10 +132,19 @@ class Reconstructor(nn.Module):
             if self.skeleton is not None:
                 seen.append(self._reprojection_error(self.skeleton, state, shown))
             hidden = self.regressor(torch.cat(seen, dim=-1))
-            state = state + torch.cat(
-                [decoder(hidden) for decoder in self.decoders.values()], dim=-1
-            )
+            correction = torch.cat([decoder(hidden) for decoder in self.decoders.values()], dim=-1)
+            state = self._orthonormal(state + correction)
         return state
+
+    def _orthonormal(self, state: Tensor) -> Tensor:
+        """The same answer, with the two columns of its rotation orthonormal again.
+
+        Their lengths mean nothing, and training only makes them longer; the longer, the less a round's
+        correction turns the hand, until orientations that are wrong stay wrong (`docs/decisions.md`).
+        """
+        parts = self._parts(state)
+        parts["root"] = six_d_to_rotation(parts["root"])[..., :2].mT.flatten(-2)
+        return torch.cat(list(parts.values()), dim=-1)
 
     def _reprojection_error(
         self, skeleton: HandModel, state: Tensor, shown: HandBatch

@@ -132,9 +132,22 @@ class HandModel(nn.Module):
             )
         turns, centres = _forward_kinematics(rotations, joints)
         shifts = centres - (turns @ joints[..., None])[..., 0]
-        blended = torch.einsum("vj,...jxy->...vxy", self.skinning_weights, turns)
-        vertices = (blended @ vertices[..., None])[..., 0] + self.skinning_weights @ shifts
+        vertices = self._skin(vertices, turns, shifts)
         return HandGeometry(vertices, centres, self.landmarks_of(vertices, centres))
+
+    def _skin(
+        self,
+        vertices: Float[Tensor, "*batch vertex 3"],
+        turns: Float[Tensor, "*batch joint=16 3 3"],
+        shifts: Float[Tensor, "*batch joint=16 3"],
+    ) -> Float[Tensor, "*batch vertex 3"]:
+        """Linear blend skinning: every vertex moved by its own mixture of the joints' rigid motions."""
+        motions = torch.cat([turns, shifts[..., None]], dim=-1)
+        # With the vertices last, a matrix times a vector at every vertex is three sums of long rows: half
+        # the time of as many products of small matrices.
+        blended = torch.einsum("vj,...jxy->...xyv", self.skinning_weights, motions)
+        turned = (blended[..., :3, :] * vertices.mT[..., None, :, :]).sum(dim=-2)
+        return (turned + blended[..., 3, :]).mT
 
     def landmarks_of(
         self,
@@ -142,18 +155,19 @@ class HandModel(nn.Module):
         joints: Float[Tensor, "*batch joint=16 3"],
     ) -> Float[Tensor, "*batch landmark=21 3"]:
         """The landmark set on any posed hand: a linear map of its points, the paper's H."""
-        return self.landmark_regressor @ torch.cat([vertices, joints], dim=-2)
+        # The points last, as `_skin` leaves them: one product for all hands, not one for each.
+        return (torch.cat([vertices.mT, joints.mT], dim=-1) @ self.landmark_regressor.mT).mT
 
     def place(self, parameters: HandParameters) -> HandGeometry:
         """Pose the hand and put it into the camera's frame (the R and t of Sec. 3.1)."""
         hand = self(parameters.joint_angles, parameters.shape)
-        rotation = parameters.root_rotation.mT
-        translation = parameters.translation[..., None, :]
-        return HandGeometry(
-            hand.vertices @ rotation + translation,
-            hand.joints @ rotation + translation,
-            hand.landmarks @ rotation + translation,
-        )
+        rotation = parameters.root_rotation
+        translation = parameters.translation[..., None]
+
+        def placed(points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
+            return (rotation @ points.mT + translation).mT
+
+        return HandGeometry(placed(hand.vertices), placed(hand.joints), placed(hand.landmarks))
 
     def of_landmarks(self) -> "HandModel":
         """The same hand with those vertices alone that its landmarks need: for fits, which is faster.

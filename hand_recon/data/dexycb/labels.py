@@ -6,10 +6,8 @@ taken as it is: no half pixel is added, although the camera's maker counts pixel
 
 import io
 import logging
-import multiprocessing
 import zipfile
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -21,6 +19,7 @@ from hand_recon.data.cache import ensure_built
 from hand_recon.data.dexycb.files import label_path
 from hand_recon.data.dexycb.listing import FrameFiles, Task, look_at_files, tasks_of
 from hand_recon.data.dexycb.splits import Frames
+from hand_recon.data.processes import single_threaded_processes
 from hand_recon.data.progress import with_progress
 
 logger = logging.getLogger(__name__)
@@ -188,13 +187,8 @@ def _parts(tasks: list[Task], workers: int) -> Iterator[dict[str, np.ndarray]]:
     if workers <= 1 or count < WORTH_PROCESSES:
         yield from map(_read_folder, tasks)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        try:
-            yield from pool.map(_read_folder, tasks, chunksize=4)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with single_threaded_processes(workers) as pool:
+        yield from pool.map(_read_folder, tasks, chunksize=4)
 
 
 def _read_folder(task: Task) -> dict[str, np.ndarray]:

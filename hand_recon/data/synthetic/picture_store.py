@@ -7,11 +7,10 @@ It grows under another name and is renamed when complete, so a folder that exist
 import fcntl
 import hashlib
 import json
-import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -19,13 +18,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import BinaryIO, Final
 
-import cv2
 import numpy as np
-import torch
 from numpy.lib.format import open_memmap
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hand_recon.data.processes import single_threaded_processes
 from hand_recon.data.synthetic.picture import SyntheticView, synthetic_hand, synthetic_view
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.hand.open_hand import ASSET
@@ -146,43 +144,12 @@ def _render_all(chunks: list[_Chunk], workers: int, advance: Callable[[int], Non
         for chunk in chunks:
             advance(_render_chunk(chunk))
         return
-    context = multiprocessing.get_context("spawn")
-    count = min(workers, max(len(chunks), 1))
-    with (
-        _single_threaded_children(),
-        ProcessPoolExecutor(count, mp_context=context, initializer=_one_thread) as pool,
-    ):
+    with single_threaded_processes(min(workers, max(len(chunks), 1))) as pool:
         waiting: set[Future[int]] = {pool.submit(_render_chunk, chunk) for chunk in chunks}
-        try:
-            while waiting:
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    advance(future.result())
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-@contextmanager
-def _single_threaded_children() -> Iterator[None]:
-    """Numerical libraries read their thread counts from the environment when they are first loaded."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _one_thread() -> None:
-    """Workers share the cores; threads of their own would only fight over them."""
-    torch.set_num_threads(1)
-    cv2.setNumThreads(0)
+        while waiting:
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                advance(future.result())
 
 
 def _render_chunk(chunk: _Chunk) -> int:
