@@ -148,14 +148,32 @@ def test_a_freihand_folder_trains_and_is_evaluated(
     assert {"E_J", "E_V", "E_2D"} <= set(other["test"])
 
 
-def test_a_sweep_has_one_folder_per_run_named_by_its_overrides(tmp_path: Path, cache: Path) -> None:
+def sweep(output: Path, cache: Path, *more: str) -> dict[str, object]:
+    """Two rows as one multirun; the test scores of each run's folder."""
     small = [text for text in SMALL if "epochs" not in text]
     command = [
         sys.executable, "-m", "hand_recon.train", "-m", "+experiment=ablation_row1,ablation_row2",
-        *small, "trainer.max_epochs=1", f"paths.output={tmp_path}", f"paths.cache={cache}",
+        *small, "trainer.max_epochs=1", f"paths.output={output}", f"paths.cache={cache}", *more,
     ]  # fmt: skip
-    subprocess.run(command, check=True, cwd=tmp_path)  # noqa: S603  # our own program
-    reports = sorted(path.parent.name for path in tmp_path.glob("sweeps/*/*/report.html"))
-    assert len(reports) == 2
-    assert reports[0].startswith("0_experiment-ablation_row1")
-    assert reports[1].startswith("1_experiment-ablation_row2")
+    subprocess.run(command, check=True, cwd=output)  # noqa: S603  # our own program
+    assert len(list(output.glob("sweeps/*/*/report.html"))) == 2
+    found = sorted(output.glob("sweeps/*/*/metrics.json"))
+    return {path.parent.name: json.loads(path.read_text())["test"] for path in found}
+
+
+def test_a_sweep_has_one_folder_per_run_named_by_its_overrides(tmp_path: Path, cache: Path) -> None:
+    first, second = sweep(tmp_path, cache)
+    assert first.startswith("0_experiment-ablation_row1")
+    assert second.startswith("1_experiment-ablation_row2")
+
+
+def test_runs_side_by_side_render_once_and_end_where_runs_in_turn_do(
+    tmp_path: Path, cache: Path
+) -> None:
+    for name in ("turn", "side"):
+        (tmp_path / name).mkdir()
+    in_turn = sweep(tmp_path / "turn", cache)
+    # Of a cache of their own: they render in processes, inside the processes that joblib made.
+    fresh = (tmp_path / "fresh", "data.render_workers=2")
+    launcher = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    assert sweep(tmp_path / "side", *fresh, *launcher) == in_turn
