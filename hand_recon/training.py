@@ -108,7 +108,8 @@ class HandReconstruction(lightning.LightningModule):
         ).mean()
         raw = {name: value.mean() for name, value in self.prior(prediction).items()}
         weighted = self.prior.weighted(raw)
-        if self.supervision is not None:
+        # A mixture that learns from 3D labels may be validated on a part that has none.
+        if self.supervision is not None and (self.training or batch.landmarks_3d is not None):
             raw["landmarks_3d"] = self.supervision(batch, prediction).mean()
             weighted["landmarks_3d"] = self.supervision.weight * raw["landmarks_3d"]
         total = data + sum(weighted.values())

@@ -150,6 +150,19 @@ def test_3d_labels_join_the_loss_only_where_they_are_given(
     assert_close(losses[1]["loss"] - losses[0]["loss"], expected)
 
 
+def test_hands_without_3d_labels_are_validated_and_not_learnt_from(
+    hand: HandModel, lifter: Callable[..., HandReconstruction]
+) -> None:
+    module = lifter(SquaredError(), Landmarks3D())
+    hands = replace(views(hand, known_hands(hand, 3)), landmarks_3d=None)
+    losses = module.eval().losses(hands, module(hands))
+    terms = [value for name, value in losses.items() if name.startswith("weighted/")]
+    assert_close(losses["loss"], losses["data"] + sum(terms))
+    assert "landmarks_3d" not in losses
+    with pytest.raises(ValueError, match="supervision=landmarks_2d"):
+        module.train().losses(hands, module(hands))
+
+
 def near(hand: HandModel, module: HandReconstruction, off: float = 4.0) -> HandBatch:
     """Landmarks about so many pixels from where the module sees them: σ stays within its bounds."""
     hands = views(hand, known_hands(hand, 8))
