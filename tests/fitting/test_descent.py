@@ -2,7 +2,6 @@
 
 import copy
 import itertools
-import math
 from dataclasses import replace
 
 import pytest
@@ -18,14 +17,7 @@ from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.fitting.descent import Descent, Fitted, Objective, fit
 from hand_recon.fitting.lift import lifted_start
-from hand_recon.fitting.observation import (
-    SIGMA_BOUNDS,
-    UNKNOWN_SIGMA,
-    Observation,
-    confidence_of_sigma,
-    observed,
-    sigma_of_confidence,
-)
+from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
@@ -291,32 +283,3 @@ def test_no_hand_is_fitted_to_none(hand: HandModel, seen: HandBatch) -> None:
     found = fit(none, Objective(hand, prior, term), descent=Descent(steps=4))
     assert found.prediction.vertices.shape == (0, len(hand.template), 3)
     assert all(value.shape == (0,) for value in found.loss.values())
-
-
-def test_confidence_and_sigma_are_two_words_for_one_thing() -> None:
-    sigma = torch.linspace(1.0, 25.0, 21)[None]
-    assert_close(sigma_of_confidence(confidence_of_sigma(sigma)), sigma)
-    for half_sure in (2.0, 5.0, 9.0):
-        half = sigma_of_confidence(torch.full((1, 21), 0.5), half_sure)
-        assert_close(half, torch.full((1, 21), half_sure))
-    # 1 / (1 + (10 / 5)²) = 0.2
-    assert_close(confidence_of_sigma(torch.full((1, 21), 10.0)), torch.full((1, 21), 0.2))
-
-
-def test_no_confidence_is_taken_at_its_word() -> None:
-    confidence = torch.tensor([0.0, 1.0, math.nan]).repeat(7)[None]
-    sigma = sigma_of_confidence(confidence)
-    assert sigma[0, :2].tolist() == [SIGMA_BOUNDS[1], SIGMA_BOUNDS[0]]
-    assert sigma[0, 2].isnan()
-
-
-def test_told_sigma_goes_before_confidence_and_ignorance_is_three_pixels(seen: HandBatch) -> None:
-    noise = torch.full((COUNT, 21), torch.nan)
-    noise[:, 0] = 7.0
-    confidence = torch.full((COUNT, 21), 0.5)
-    confidence[:, 2] = torch.nan
-    known = observed(replace(seen, label_noise=noise, confidence=confidence)).log_sigma().exp()
-    assert known.shape == (COUNT, 21, 2)
-    assert known[0, :3, 0].tolist() == pytest.approx([7.0, 5.0, UNKNOWN_SIGMA])
-    nothing = observed(seen).log_sigma().exp()
-    assert_close(nothing, torch.full((COUNT, 21, 2), UNKNOWN_SIGMA))
