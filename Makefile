@@ -28,8 +28,9 @@ smoke: $(STAMP)  ## The same in about a minute, far too short to learn anything.
 
 ROWS := ablation_row1,ablation_row2,ablation_row3,ablation_row4,ablation_row5
 SEEDS ?= 0,1,2
-# As many runs at a time as there are processes for tests; each keeps to one thread.
-AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(WORKERS)
+# Runs at a time; each keeps to one thread.
+RUNS ?= 2
+AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(RUNS)
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
 	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)

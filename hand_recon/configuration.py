@@ -1,6 +1,7 @@
 """From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
 
 import hashlib
+import multiprocessing
 import os
 import re
 from collections.abc import Mapping
@@ -102,6 +103,8 @@ OmegaConf.register_new_resolver(
 OmegaConf.register_new_resolver(
     "either", lambda first, second: second if first is None else first, replace=True
 )
+# Used by conf/recipe/lifter.yaml.
+OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
@@ -206,11 +209,15 @@ def check_input(module: HandReconstruction, data: HandDataModule) -> None:
         )
 
 
-def set_threads(threads: int | None) -> int:
-    """Fix the number of compute threads and return it.
+def settle_process(threads: int | None) -> int:
+    """Fix the number of compute threads and return it; let the process have processes of its own.
 
     Without a number, every core that this process may use: more than that is many times slower.
     """
+    # Hydra's joblib launcher starts its runs by a method of its own. Their children would hear of it as the
+    # default and know nothing of it.
+    if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
+        multiprocessing.set_start_method("spawn", force=True)
     # Not every system knows affinities; there, all cores are this process's.
     usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
     count = threads or len(usable(0))

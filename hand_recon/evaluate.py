@@ -21,7 +21,7 @@ from hand_recon.configuration import (
     build_data,
     check_input,
     claim_folder,
-    set_threads,
+    settle_process,
     use_cache,
 )
 from hand_recon.data.datamodule import HandDataModule
@@ -63,7 +63,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
             "for example ckpt=outputs/train/<time>; or predictions=<file> with protocol and ground_truth."
         )
     quiet_libraries()
-    set_threads(config.threads)
+    settle_process(config.threads)
     other_data = config.get("data") is not None
     loaded = load_trained(config.ckpt, config.data.landmarks if other_data else None)
     trained = loaded.config
@@ -137,7 +137,7 @@ def _score_file(config: DictConfig) -> dict[str, Any]:
             "DexYCB, which has no such file, data=dexycb data.root=<folder>; protocols are "
             f"{', '.join(PROTOCOLS)}."
         )
-    set_threads(config.threads)
+    settle_process(config.threads)
     protocol = protocol_named(config.protocol)
     folder = claim_folder(config.paths.run)
     if config.ground_truth is None:

@@ -22,7 +22,7 @@ from hand_recon.comparison.collection import collect
 from hand_recon.comparison.paper import TABLE_1
 from hand_recon.comparison.runs import FinishedRun
 from hand_recon.comparison.studies import Compared, Study
-from hand_recon.configuration import CONF, build_data, set_threads, use_cache
+from hand_recon.configuration import CONF, build_data, settle_process, use_cache
 from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import gather
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
@@ -96,7 +96,7 @@ def figures(config: DictConfig) -> dict[str, str]:
         FileExistsError: The output folder holds such figures.
     """
     quiet_libraries()
-    set_threads(config.threads)
+    settle_process(config.threads)
     folder = Path(config.output).absolute()
     taken = [name for name in NAMES if (folder / name).exists()]
     if taken:

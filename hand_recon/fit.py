@@ -26,7 +26,7 @@ from hand_recon.configuration import (
     build_prior,
     instantiate,
     plain,
-    set_threads,
+    settle_process,
 )
 from hand_recon.data.datamodule import gather
 from hand_recon.data.landmarks.crops import to_crops
@@ -70,7 +70,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
             "What is to be fitted? Give landmarks=<file> with 21 points per hand, or data=views for "
             "synthetic test hands; and not both."
         )
-    threads = set_threads(config.threads)
+    threads = settle_process(config.threads)
     folder = claim_results_folder(
         config.output or HydraConfig.get().runtime.output_dir,
     )

@@ -23,7 +23,7 @@ from hand_recon.configuration import (
     claim_folder,
     instantiate,
     plain,
-    set_threads,
+    settle_process,
 )
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.progress import progress_callback, quiet_libraries, somebody_watches
@@ -44,7 +44,7 @@ def train(config: DictConfig) -> dict[str, Any]:
     """
     lightning.seed_everything(config.seed, workers=True, verbose=False)
     quiet_libraries()
-    threads = set_threads(config.threads)
+    threads = settle_process(config.threads)
     earlier = earlier_run(config)
     folder = claim_folder(config.paths.run)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")

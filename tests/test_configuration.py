@@ -175,6 +175,14 @@ def test_3d_labels_are_used_only_where_they_are_asked_for() -> None:
     assert (supervision.fraction, supervision.weight) == (0.1, 500_000.0)
 
 
+def test_a_fused_step_is_for_full_precision_alone() -> None:
+    """Lightning refuses to clip gradients for it in mixed precision."""
+    assert composed("recipe=lifter").optimizer.fused is True
+    mixed = composed("recipe=lifter", "trainer.precision=bf16-mixed")
+    assert mixed.trainer.gradient_clip_val == 300_000
+    assert mixed.optimizer.fused is False
+
+
 def test_the_lifter_sees_landmarks_without_pictures() -> None:
     config = composed("recipe=lifter")
     module = build_module(config)

@@ -167,13 +167,12 @@ def test_a_sweep_has_one_folder_per_run_named_by_its_overrides(tmp_path: Path, c
     assert second.startswith("1_experiment-ablation_row2")
 
 
-def test_runs_side_by_side_render_once_and_end_where_runs_in_turn_do(
-    tmp_path: Path, cache: Path
-) -> None:
+def test_runs_side_by_side_end_where_runs_in_turn_do(tmp_path: Path, cache: Path) -> None:
     for name in ("turn", "side"):
         (tmp_path / name).mkdir()
     in_turn = sweep(tmp_path / "turn", cache)
-    # Of a cache of their own: they render in processes, inside the processes that joblib made.
-    fresh = (tmp_path / "fresh", "data.render_workers=2")
+    # Joblib's processes have processes of their own: that render, for the cache is new, and that load.
+    processes = ("data.render_workers=2", "workers=1")
     launcher = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
-    assert sweep(tmp_path / "side", *fresh, *launcher) == in_turn
+    fresh = tmp_path / "fresh"
+    assert sweep(tmp_path / "side", fresh, *processes, *launcher) == in_turn

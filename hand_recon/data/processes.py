@@ -22,10 +22,6 @@ def single_threaded_processes(count: int) -> Iterator[ProcessPoolExecutor]:
     Args:
         count: How many.
     """
-    if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
-        # Hydra's joblib launcher starts its runs by a method of its own, of which a new process hears as
-        # the default and knows nothing.
-        multiprocessing.set_start_method("spawn", force=True)
     context = multiprocessing.get_context("spawn")
     with (
         _single_threaded_children(),
