@@ -35,7 +35,7 @@ AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(RUNS)
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
 	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)
 
-table1: $(STAMP)  ## The paper's Table 1 by training the lifter: five rows, three seeds, then the report.
+table1: $(STAMP)  ## The paper's Table 1 by training the lifter: five rows, three seeds, RUNS=2 at a time; then the report.
 	$(BIN)/python -m hand_recon.train -m recipe=lifter +experiment=$(ROWS) seed=$(SEEDS) $(AT_ONCE) $(ARGS)
 	$(BIN)/python -m hand_recon.report
 
