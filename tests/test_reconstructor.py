@@ -101,7 +101,7 @@ def test_it_learns_four_hands_from_their_2d_landmarks(hand: HandModel) -> None:
 
 def test_every_round_sees_a_rotation_of_orthonormal_columns(reconstructor: Reconstructor) -> None:
     with torch.no_grad():
-        reconstructor.decoders["root"].bias.normal_()
+        reconstructor.decoders["root"].get_parameter("bias").normal_()
     seen: list[torch.Tensor] = []
     reconstructor.regressor.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
     answer = reconstructor(crops(torch.rand(3, 3, 64, 64)))
