@@ -139,8 +139,8 @@ class Reconstructor(nn.Module):
     def _orthonormal(self, state: Tensor) -> Tensor:
         """The same answer, with the two columns of its rotation orthonormal again.
 
-        Their lengths mean nothing, and training only makes them longer; the longer, the less a round's
-        correction turns the hand, until orientations that are wrong stay wrong (`docs/decisions.md`).
+        Their lengths mean nothing, and yet decide how far the next round's correction turns the hand
+        (`docs/decisions.md`).
         """
         parts = self._parts(state)
         parts["root"] = six_d_to_rotation(parts["root"])[..., :2].mT.flatten(-2)
