@@ -15,7 +15,7 @@ from hand_recon.hand.anatomical_frame import joint_angles_of
 from hand_recon.hand.axis_angle import axis_angle_to_rotation
 from hand_recon.hand.mano import asset_of, with_left_shape
 from hand_recon.hand.mano_store import ManoFile, Side, read_mano
-from hand_recon.hand.model import HandModel
+from hand_recon.hand.model import HandModel, moved
 from hand_recon.hand.skeleton import ROOT_JOINT
 from hand_recon.schema import HandGeometry, HandParameters
 
@@ -101,10 +101,8 @@ class ManoLayer(nn.Module):
     ) -> HandGeometry:
         """The hand in the frame of its parameters; `ManoParameters` says what they are."""
         own = self.hand.pose(_rotations(pose), shape)
-        rotation = axis_angle_to_rotation(global_rotation).mT
-        origin = self._origin(global_rotation, shape, translation)[..., None, :]
-        vertices, joints = own.vertices @ rotation + origin, own.joints @ rotation + origin
-        return HandGeometry(vertices, joints, self.hand.landmarks_of(vertices, joints))
+        origin = self._origin(global_rotation, shape, translation)
+        return moved(own, axis_angle_to_rotation(global_rotation), origin)
 
     def hand_parameters(
         self,

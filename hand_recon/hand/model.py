@@ -161,13 +161,7 @@ class HandModel(nn.Module):
     def place(self, parameters: HandParameters) -> HandGeometry:
         """Pose the hand and put it into the camera's frame (the R and t of Sec. 3.1)."""
         hand = self(parameters.joint_angles, parameters.shape)
-        rotation = parameters.root_rotation
-        translation = parameters.translation[..., None]
-
-        def placed(points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
-            return (rotation @ points.mT + translation).mT
-
-        return HandGeometry(placed(hand.vertices), placed(hand.joints), placed(hand.landmarks))
+        return moved(hand, parameters.root_rotation, parameters.translation)
 
     def of_landmarks(self) -> "HandModel":
         """The same hand with those vertices alone that its landmarks need: for fits, which is faster.
@@ -190,6 +184,25 @@ class HandModel(nn.Module):
     def neutral_angles(self) -> Float[Tensor, "joint=15 axis=3"]:
         """The joint angles of the anatomical neutral: all zero."""
         return torch.zeros_like(self.rest_angles)
+
+
+def moved(
+    hand: HandGeometry,
+    rotation: Float[Tensor, "*batch 3 3"],
+    translation: Float[Tensor, "*batch 3"],
+) -> HandGeometry:
+    """A hand turned about its origin, then shifted.
+
+    Args:
+        hand: Metres.
+        rotation: From the hand's frame to the new one.
+        translation: Where the origin comes to be, metres.
+    """
+
+    def placed(points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
+        return (rotation @ points.mT + translation[..., None]).mT
+
+    return HandGeometry(placed(hand.vertices), placed(hand.joints), placed(hand.landmarks))
 
 
 def _forward_kinematics(
