@@ -15,7 +15,6 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 
-from hand_recon.configuration import CONF
 from hand_recon.inspection.caches import look_at_caches
 from hand_recon.inspection.datasets import look_at_datasets, look_at_mano
 from hand_recon.inspection.finding import Finding
@@ -25,6 +24,7 @@ from hand_recon.inspection.machine import (
     look_at_disk,
     look_at_versions,
 )
+from hand_recon.runs.configuration import CONF
 
 MARKS: Final = {"good": "[green]✓[/green]", "absent": "[yellow]–[/yellow]", "wrong": "[red]✗[/red]"}
 """How states are shown."""

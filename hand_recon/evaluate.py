@@ -15,8 +15,14 @@ import lightning
 import torch
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from hand_recon.checkpoints import load_trained
-from hand_recon.configuration import (
+from hand_recon.data.annotated_dataset import PictureHands
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.protocols.benchmark_predictions import benchmark_of, predict_test
+from hand_recon.protocols.benchmarks import PROTOCOLS, Protocol, protocol_named
+from hand_recon.protocols.scoring import Request, print_scores, score_predictions, submit
+from hand_recon.protocols.submission import rooted
+from hand_recon.runs.checkpoints import load_trained
+from hand_recon.runs.configuration import (
     CONF,
     build_data,
     check_input,
@@ -24,15 +30,9 @@ from hand_recon.configuration import (
     settle_process,
     use_cache,
 )
-from hand_recon.data.datamodule import HandDataModule
-from hand_recon.data.picture_hands import PictureHands
-from hand_recon.evaluation.protocols import PROTOCOLS, Protocol, protocol_named
-from hand_recon.evaluation.submission import rooted
-from hand_recon.predicting import benchmark_of, predict_test
-from hand_recon.progress import quiet_libraries
-from hand_recon.results import Run, finish_run, write_json
-from hand_recon.score_predictions import Request, print_scores, score_predictions, submit
-from hand_recon.training import HandReconstruction
+from hand_recon.runs.results import Run, finish_run, write_json
+from hand_recon.runs.training_progress import quiet_libraries
+from hand_recon.training.module import HandReconstruction
 
 logger = logging.getLogger(__name__)
 
@@ -106,7 +106,7 @@ def _submit(
 ) -> dict[str, Any]:
     """Write what the benchmark's server takes; its scores as well, if the truth is known here."""
     benchmark = benchmark_of(data, protocol)
-    tested = predict_test(module, data, module.reconstructor.hand.name, device)
+    tested = predict_test(module, data, module.regressor.hand.name, device)
     ids = None if benchmark.ids is None else torch.from_numpy(benchmark.ids)
     wrists = None if benchmark.wrists is None else torch.from_numpy(benchmark.wrists)
     # Once: what is scored here is what is written.
@@ -114,7 +114,7 @@ def _submit(
     if points.vertices is None and protocol.scores_vertices:
         logger.warning(
             "The hand %r is not MANO: the file has no surfaces, and the server's scores of surfaces mean "
-            "nothing.", module.reconstructor.hand.name,
+            "nothing.", module.regressor.hand.name,
         )  # fmt: skip
     submit(protocol.name, points.landmarks, points.vertices, folder / "submission", ids=ids)
     if tested.truth is None:

@@ -17,18 +17,18 @@ import torch
 from jaxtyping import Float, UInt8
 from omegaconf import DictConfig
 
-from hand_recon.checkpoints import load_trained
-from hand_recon.comparison.collection import collect
-from hand_recon.comparison.paper import TABLE_1
-from hand_recon.comparison.runs import FinishedRun
-from hand_recon.comparison.studies import Compared, Study
-from hand_recon.configuration import CONF, build_data, settle_process, use_cache
 from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import gather
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
-from hand_recon.progress import quiet_libraries
+from hand_recon.runs.checkpoints import load_trained
+from hand_recon.runs.configuration import CONF, build_data, settle_process, use_cache
+from hand_recon.runs.training_progress import quiet_libraries
 from hand_recon.schema import HandBatch, HandPrediction
-from hand_recon.visualization.figures import (
+from hand_recon.tables.collection import collect
+from hand_recon.tables.paper import TABLE_1
+from hand_recon.tables.runs import FinishedRun
+from hand_recon.tables.studies import Compared, Study
+from hand_recon.visualization.paper_figures import (
     before_after,
     likelihood_effect,
     mean_sigma,
@@ -172,7 +172,7 @@ def _predict(chosen: list[tuple[str, FinishedRun, bool]], config: DictConfig) ->
         predictions=tuple(predictions),
         uncertain=chosen[-1][2],
         batch=batch,
-        faces=loaded[0].module.reconstructor.hand.faces,
+        faces=loaded[0].module.regressor.hand.faces,
         errors=np.stack([_errors(batch, prediction) for prediction in predictions]),
     )
 

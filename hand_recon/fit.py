@@ -17,8 +17,24 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from hand_recon.checkpoints import load_trained
-from hand_recon.configuration import (
+from hand_recon.data.datamodule import gather
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.parsed import Assumptions
+from hand_recon.data.progress import with_progress
+from hand_recon.evaluation.hand_scores import Scores
+from hand_recon.fitting.descent import Descent, Fitted, Objective
+from hand_recon.fitting.descent import fit as descend
+from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
+from hand_recon.fitting.lift import lift, lifted_start
+from hand_recon.fitting.observation import observed
+from hand_recon.fitting.results import claim_results_folder, write_results
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
+from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.runs.checkpoints import load_trained
+from hand_recon.runs.configuration import (
     CONF,
     SCORED_RANGES,
     build_data,
@@ -28,23 +44,7 @@ from hand_recon.configuration import (
     plain,
     settle_process,
 )
-from hand_recon.data.datamodule import gather
-from hand_recon.data.landmarks.crops import to_crops
-from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.fitted_hands import FittedHands, fitted_hands
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
-from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.data.progress import with_progress
-from hand_recon.evaluation.hand_scores import Scores
-from hand_recon.fit_results import claim_results_folder, write_results
-from hand_recon.fitting.descent import Descent, Fitted, Objective
-from hand_recon.fitting.descent import fit as descend
-from hand_recon.fitting.lift import lift, lifted_start
-from hand_recon.fitting.observation import observed
-from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.physics import NonPenetration
-from hand_recon.knowledge.ranges import load_ranges
-from hand_recon.results import environment, write_json, write_per_hand
+from hand_recon.runs.results import environment, write_json, write_per_hand
 from hand_recon.schema import HandBatch
 
 logger = logging.getLogger(__name__)
@@ -125,10 +125,10 @@ def _fitter(config: DictConfig, hand: HandModel) -> Fitter:
     descent: Descent = instantiate(config.descent)
     further = None
     if config.lifter is not None:
-        reconstructor = load_trained(config.lifter, config.hand.landmarks).module.reconstructor
-        further = partial(lifted_start, reconstructor)
+        regressor = load_trained(config.lifter, config.hand.landmarks).module.regressor
+        further = partial(lifted_start, regressor)
         if descent.steps == 0:
-            return lambda batch: Fitted(lift(reconstructor, observed(batch, config.half_sure)), {})
+            return lambda batch: Fitted(lift(regressor, observed(batch, config.half_sure)), {})
 
     def run(batch: HandBatch) -> Fitted:
         return descend(

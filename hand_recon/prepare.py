@@ -20,14 +20,14 @@ import hydra
 from omegaconf import DictConfig
 from rich.console import Console
 
-from hand_recon.configuration import CONF, build_data, build_hand, claim_folder
+from hand_recon.data.annotated_dataset import PictureHands
 from hand_recon.data.datamodule import HandDataModule, gather
-from hand_recon.data.picture_hands import PictureHands
-from hand_recon.hand.mano_conversion import prepare_mano
+from hand_recon.hand.mano.conversion import prepare_mano
 from hand_recon.inspection.caches import crop_maps, stale_maps
 from hand_recon.inspection.contact_sheet import contact_sheet
 from hand_recon.inspection.labels import LabelReport, examine_labels
 from hand_recon.inspection.ranges import examine_poses
+from hand_recon.runs.configuration import CONF, build_data, build_hand, claim_folder
 
 logger = logging.getLogger(__name__)
 

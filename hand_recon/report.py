@@ -11,14 +11,14 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig
 
-from hand_recon.comparison.beside import beside
-from hand_recon.comparison.collection import collect
-from hand_recon.comparison.documents import Comparison, write_documents
-from hand_recon.comparison.intervals import Bootstrap
-from hand_recon.comparison.studies import Compared
-from hand_recon.comparison.summary import summarise
-from hand_recon.comparison.terminal import show
-from hand_recon.configuration import CONF
+from hand_recon.runs.configuration import CONF
+from hand_recon.tables.beside import beside
+from hand_recon.tables.collection import collect
+from hand_recon.tables.documents import Comparison, write_documents
+from hand_recon.tables.intervals import Bootstrap
+from hand_recon.tables.studies import Compared
+from hand_recon.tables.summary import summarise
+from hand_recon.tables.terminal import show
 
 logger = logging.getLogger(__name__)
 

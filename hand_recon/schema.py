@@ -165,7 +165,7 @@ class HandBatch(_TensorRecord):
 
 @dataclass(frozen=True)
 class HandPrediction(_TensorRecord):
-    """What the reconstructor says of a batch of crops."""
+    """What the regressor says of a batch of crops."""
 
     parameters: HandParameters
     """Pose, shape and placement."""

@@ -14,8 +14,9 @@ import lightning
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from hand_recon.checkpoints import ConfigInCheckpoint, load_trained
-from hand_recon.configuration import (
+from hand_recon.evaluation.scores import HandPoints
+from hand_recon.runs.checkpoints import ConfigInCheckpoint, load_trained
+from hand_recon.runs.configuration import (
     CONF,
     build_data,
     build_module,
@@ -25,10 +26,9 @@ from hand_recon.configuration import (
     plain,
     settle_process,
 )
-from hand_recon.evaluation.scores import HandPoints
-from hand_recon.progress import progress_callback, quiet_libraries, somebody_watches
-from hand_recon.results import Run, finish_run, mean_pose
-from hand_recon.resuming import best_checkpoint, earlier_run
+from hand_recon.runs.results import Run, finish_run, mean_pose
+from hand_recon.runs.resuming import best_checkpoint, earlier_run
+from hand_recon.runs.training_progress import progress_callback, quiet_libraries, somebody_watches
 
 logger = logging.getLogger(__name__)
 

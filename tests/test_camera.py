@@ -16,7 +16,7 @@ from hand_recon.camera import (
     six_d_to_rotation,
     to_true_camera,
 )
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 def double(*values: float) -> torch.Tensor:

@@ -7,7 +7,7 @@ import torch
 
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandBatch, HandPrediction
-from tests.views import known_hands, views
+from tests.support.views import known_hands, views
 
 
 @pytest.fixture

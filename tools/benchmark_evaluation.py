@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from hand_recon.evaluation.metrics import HandMetrics
-from hand_recon.evaluation.official import freihand_scores
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.open_hand import open_hand
-from tests import reference
+from hand_recon.protocols.official import freihand_scores
+from tests.support import reference
 
 BATCH = 64
 

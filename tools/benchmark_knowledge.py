@@ -24,12 +24,12 @@ from hand_recon.camera import default_intrinsics, project, raw_to_translation, s
 from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
-from hand_recon.knowledge.closed_parts import closed_parts, geodesic_distances
-from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.penetration.closed_parts import closed_parts, geodesic_distances
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.schema import HandParameters, HandPrediction
-from tests.knowledge import penetration_reference
+from tests.support import penetration_reference
 
 Work = Callable[[], float]
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import cv2
 
-from hand_recon.data.synthetic.picture import synthetic_view
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.synthetic.scene import synthetic_view
 
 HANDS = 4
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "fits.png"

@@ -11,14 +11,14 @@ import torch
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.levels import Level
 from hand_recon.data.synthetic.painter import paint_picture
-from hand_recon.data.synthetic.picture import SyntheticHand, scene_surfaces, synthetic_hand
 from hand_recon.data.synthetic.plausible import deepest_overlap
-from hand_recon.data.synthetic.rays import RayScene
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.synthetic.scene import SyntheticHand, scene_surfaces, synthetic_hand
 from hand_recon.data.synthetic.surface import merged
 from hand_recon.data.synthetic.view import axis_rotation, sample_view
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import FINGERS, LANDMARK_PARENTS
+from hand_recon.rendering.rays import RayScene
 
 FINGER_COLOURS = ((230, 80, 60), (235, 180, 50), (80, 190, 90), (70, 140, 230), (170, 90, 210))
 """RGB, thumb to little finger."""

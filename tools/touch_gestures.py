@@ -13,11 +13,11 @@ from torch import Tensor
 
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.plausible import deepest_overlap
-from hand_recon.data.synthetic.rays import RayScene
 from hand_recon.data.synthetic.surface import vertex_normals
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import ARTICULATED, FINGERS, LANDMARKS
+from hand_recon.rendering.rays import RayScene
 
 COMFORT = {"thumb CMC": (8.0, -6.0), "thumb MCP": (15.0, 0.0), "thumb IP": (18.0, 0.0)}
 """Degrees towards which the thumb is drawn: the middle of its easy range."""

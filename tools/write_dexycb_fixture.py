@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hand_recon.data.dexycb.files import SUBJECTS
 from hand_recon.data.dexycb.surfaces import load_pair
-from hand_recon.data.synthetic.layouts.dexycb import DexYcbFolder, write_dexycb_layout
+from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
 
 
 def main() -> None:

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
-from hand_recon.hand.mano_layer import ManoLayer
+from hand_recon.hand.mano.layer import ManoLayer
+from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 
 
 def main() -> None:

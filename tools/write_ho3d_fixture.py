@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from hand_recon.data.synthetic.layouts.ho3d import Ho3dFolder, write_ho3d_layout
+from hand_recon.rehearsal.ho3d import Ho3dFolder, write_ho3d_layout
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import MappedArray, digest, ensure_built
 from hand_recon.data.crop import CropPolicy, Place, crop_image, crop_mirror
 from hand_recon.data.images import CorruptImages, read_image

@@ -26,7 +26,7 @@ class MixedHands:
     """The hands of several datasets one after the other, each with all that any of them has.
 
     A batch is stacked, and knows only what all of its hands know: so hands without a camera get the one that
-    a reconstructor would assume (`docs/conventions.md`, camera), and hands without ground truth one that is
+    a regressor would assume (`docs/conventions.md`, camera), and hands without ground truth one that is
     unknown (NaN) if others have it. Surfaces are left out: they are for evaluation, and datasets differ in
     theirs.
     """

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
 
-LEVELS: Final = tuple(level / 20 for level in range(1, 20))
+COVERAGE_LEVELS: Final = tuple(level / 20 for level in range(1, 20))
 """Nominal coverages at which reliability is measured: 5 % to 95 %."""
 
 
@@ -53,8 +53,8 @@ def reliability_curve(
 
 
 def expected_calibration_error(standardised: Float[Tensor, " value"]) -> Float[Tensor, ""]:
-    """Mean distance of the reliability curve from the diagonal over `LEVELS`, 0 to 1."""
-    levels = torch.tensor(LEVELS, dtype=torch.float64)
+    """Mean distance of the reliability curve from the diagonal over `COVERAGE_LEVELS`, 0 to 1."""
+    levels = torch.tensor(COVERAGE_LEVELS, dtype=torch.float64)
     return (reliability_curve(standardised, levels) - levels).abs().mean()
 
 

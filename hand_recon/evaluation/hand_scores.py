@@ -21,8 +21,7 @@ class Scores(nn.Module):
 
     Args:
         ranges: What a joint may do, for the violations; the same for every model that is compared.
-        non_penetration: `hand_recon.knowledge.physics.NonPenetration` of the hand, for the penetration rate;
-            none leaves it out.
+        non_penetration: Eq. 4 on the hand (`NonPenetration`), for the penetration rate; none leaves it out.
         calibration: Whether the predictions' σ are their own. A fit's are what it was told.
     """
 

@@ -24,7 +24,7 @@ between people: the sixteen of Latz et al. (Hand 14, 2019: four bounds of four f
 
 @runtime_checkable
 class Penetration(Protocol):
-    """What `Plausibility` needs of `hand_recon.knowledge.physics.NonPenetration`."""
+    """What `Plausibility` needs of `hand_recon.knowledge.penetration.non_penetration.NonPenetration`."""
 
     tolerance: float
     """Depth that soft skin takes, metres."""

@@ -7,16 +7,16 @@ from hand_recon.data.augment import move
 from hand_recon.data.upright import upright_motion
 from hand_recon.fitting.observation import Observation, confidence_of_sigma
 from hand_recon.fitting.start import Start
-from hand_recon.reconstructor import Reconstructor
+from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPrediction
 
 
 @torch.no_grad()
-def lift(reconstructor: Reconstructor, observation: Observation) -> HandPrediction:
+def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
     """The lifter's answer in the camera and the crops of the observation, with its σ.
 
     Args:
-        reconstructor: With an encoder of landmarks, in evaluation mode.
+        regressor: With an encoder of landmarks, in evaluation mode.
         observation: Hands in any roll; the lifter sees them as its training's, fingers up.
     """
     count = len(observation)
@@ -29,7 +29,7 @@ def lift(reconstructor: Reconstructor, observation: Observation) -> HandPredicti
         source=("",) * count,
     )
     motion = upright_motion(batch.landmarks_2d, batch.labelled, REFERENCE_SIZE)
-    prediction: HandPrediction = reconstructor(move(batch, motion))
+    prediction: HandPrediction = regressor(move(batch, motion))
     found = prediction.parameters
     # In the upright crop, the observation's camera has this matrix, after a roll about its axis.
     back = motion.camera.mT
@@ -40,7 +40,7 @@ def lift(reconstructor: Reconstructor, observation: Observation) -> HandPredicti
     parameters = HandParameters(
         found.joint_angles, found.shape, back @ rotation, (back @ translation[..., None])[..., 0]
     )
-    hand = reconstructor.hand.place(parameters)
+    hand = regressor.hand.place(parameters)
     # The roll mixes the two coordinates' variances; their correlation is left out.
     squares = back[:, None, :2, :2].square() @ torch.exp(2 * prediction.log_sigma)[..., None]
     return HandPrediction(
@@ -54,9 +54,9 @@ def lift(reconstructor: Reconstructor, observation: Observation) -> HandPredicti
     )
 
 
-def lifted_start(reconstructor: Reconstructor, observation: Observation) -> Start:
+def lifted_start(regressor: Regressor, observation: Observation) -> Start:
     """The lifter's answer as one start per hand; see `lift`."""
-    found = lift(reconstructor, observation).parameters
+    found = lift(regressor, observation).parameters
     return Start(
         found.joint_angles[:, None],
         found.root_rotation[:, None],

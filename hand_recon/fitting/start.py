@@ -15,7 +15,7 @@ from torch import Tensor
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import AXES, LANDMARKS
 
-PALM: Final = tuple(
+PALM_LANDMARKS: Final = tuple(
     LANDMARKS.index(name)
     for name in ("wrist", "thumb CMC", "index MCP", "middle MCP", "ring MCP", "little MCP")
 )
@@ -91,9 +91,9 @@ def _both_placements(
 ) -> list[tuple[Tensor, Tensor]]:
     """Rotation and translation of the palm's plane that fit the landmarks, in both ways."""
     weights = points.new_full((21,), ELSEWHERE)
-    weights[list(PALM)] = 1.0
+    weights[list(PALM_LANDMARKS)] = 1.0
     weights = weights * labelled
-    basis, centre = _plane(points[list(PALM)])
+    basis, centre = _plane(points[list(PALM_LANDMARKS)])
     on_plane = (points - centre) @ basis[:, :2]
     # Rays at unit depth, and then turned so that the middle of what is seen is straight ahead.
     seen = torch.cat([landmarks_2d, torch.ones_like(landmarks_2d[..., :1])], dim=-1)

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from hand_recon.hand.anatomical_frame import joint_rotations
-from hand_recon.hand.skeleton import LEVELS, PARENTS, ROOT_JOINT
+from hand_recon.hand.skeleton import JOINT_LEVELS, PARENTS, ROOT_JOINT
 from hand_recon.schema import HandGeometry, HandParameters
 
 
@@ -213,7 +213,7 @@ def _forward_kinematics(
     eye = torch.eye(3, dtype=joints.dtype, device=joints.device)
     turns = {0: eye.expand(*batch, 3, 3)}
     centres = {0: joints[..., 0, :]}
-    for level in LEVELS:
+    for level in JOINT_LEVELS:
         parents = [PARENTS[joint] for joint in level]
         parent_turns = torch.stack([turns[parent] for parent in parents], dim=-3)
         parent_centres = torch.stack([centres[parent] for parent in parents], dim=-2)

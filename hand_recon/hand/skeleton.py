@@ -33,7 +33,7 @@ ARTICULATED: Final[tuple[str, ...]] = JOINTS[1:]
 PARENTS: Final[tuple[int, ...]] = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 """Parent of each joint."""
 
-LEVELS: Final[tuple[tuple[int, ...], ...]] = (
+JOINT_LEVELS: Final[tuple[tuple[int, ...], ...]] = (
     (1, 4, 7, 10, 13),
     (2, 5, 8, 11, 14),
     (3, 6, 9, 12, 15),

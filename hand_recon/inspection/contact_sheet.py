@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Int, UInt8
 
+from hand_recon.rendering.mesh import shade
 from hand_recon.schema import HandBatch
 from hand_recon.visualization.canvas import Panel, background, sheet
-from hand_recon.visualization.mesh import shade
 from hand_recon.visualization.overlay import draw_landmarks
 
 PANEL: Final = 224

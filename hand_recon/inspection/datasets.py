@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from hand_recon.data.dexycb.files import SEQUENCES, SUBJECTS
-from hand_recon.hand.mano_store import file_name, read_file
+from hand_recon.hand.mano.store import file_name, read_file
 from hand_recon.inspection.finding import Finding
 
 FREIHAND: Final = {

@@ -19,7 +19,7 @@ LARGEST_MEDIAN: Final = 3.0
 """Pixels of a 224-pixel crop by which labels may differ from the projected truth in the median. FreiHAND's
 are the projections; the annotators of others were a pixel or two away."""
 
-PALM: Final = (0.04, 0.16)
+PALM_LENGTHS: Final = (0.04, 0.16)
 """Metres from wrist to middle MCP between which every hand's median lies; adults have about 0.09."""
 
 FEWEST_CURLED: Final = 10
@@ -114,7 +114,7 @@ def _examine_3d(batch: HandBatch) -> tuple[dict[str, float], list[str]]:
     palm = (landmarks[:, ROOT_LANDMARK] - landmarks[:, 0]).norm(dim=-1)
     numbers = _percentiles("palm_mm", palm * 1000) | _percentiles("depth_m", landmarks[:, 0, 2])
     troubles = []
-    if not PALM[0] < float(palm.median()) < PALM[1]:
+    if not PALM_LENGTHS[0] < float(palm.median()) < PALM_LENGTHS[1]:
         troubles.append(
             f"The palm is {float(palm.median()):.4g} m long in the median, expected about 0.09: the 3D "
             "labels are in another unit than metres, or the order of landmarks is another."

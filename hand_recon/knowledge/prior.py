@@ -8,7 +8,7 @@ from hand_recon.hand.skeleton import AXES
 from hand_recon.knowledge.adversarial import Adversary
 from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
-from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.pose_components import PoseComponents
 from hand_recon.knowledge.ranges import RangeOfMotion
 from hand_recon.schema import HandPrediction

@@ -239,7 +239,7 @@ class FullCovariance(DataTerm):
         if correlation is None:
             raise ValueError(
                 "FullCovariance needs the correlation of each landmark's coordinates, and none was "
-                "predicted. Give the reconstructor one (model.correlated=true), or use data_term=nll."
+                "predicted. Give the regressor one (model.correlated=true), or use data_term=nll."
             )
         beyond = 1 - SAFE_CORRELATION
         # Half of what is left up to one, so that the bound itself is no singularity.

@@ -20,7 +20,7 @@ RUNNING_DECAY: Final = 0.99
 """What a step leaves of the account of earlier residuals: it remembers about a hundred steps."""
 
 UNKNOWN_LOG_SIGMA: Final = 1.5
-"""log σ before any residual was seen: 4.5 px, where the reconstructor's σ starts, too."""
+"""log σ before any residual was seen: 4.5 px, where the regressor's σ starts, too."""
 
 UNITS: Final = ("share", "epoch", "step")
 """What the time of the switch can be counted in."""

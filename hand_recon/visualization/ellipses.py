@@ -13,7 +13,7 @@ from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandPrediction
 from hand_recon.visualization.canvas import background
 from hand_recon.visualization.overlay import FINGER_COLOURS
 
-LEVELS: Final = (1.0, 2.0)
+SIGMA_LEVELS: Final = (1.0, 2.0)
 """How many σ the ellipses reach to; the first is filled."""
 
 _OPACITY: Final = 0.35
@@ -64,7 +64,7 @@ def draw_ellipses(
     covariance: Float[np.ndarray, "landmark=21 2 2"],
     shown: Bool[np.ndarray, "landmark=21"] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Ellipses of `LEVELS` over a copy of an image, in the colours of the fingers, largest first.
+    """Ellipses of `SIGMA_LEVELS` over a copy of an image, in the colours of the fingers, largest first.
 
     Args:
         image: RGB.
@@ -80,7 +80,7 @@ def draw_ellipses(
     order = [place for place in np.argsort(-halves.prod(axis=1)).tolist() if shown[place]]
     for place in order:
         colour = FINGER_COLOURS[max(place - 1, 0) // 4]
-        for level, thickness in zip(LEVELS, (cv2.FILLED, width), strict=True):
+        for level, thickness in zip(SIGMA_LEVELS, (cv2.FILLED, width), strict=True):
             layer = canvas.copy()
             ellipse = _Ellipse(landmarks[place], level * halves[place], float(angles[place]))
             _draw(layer, ellipse, colour, thickness)

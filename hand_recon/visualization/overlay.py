@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.hand.skeleton import LANDMARK_PARENTS
+from hand_recon.rendering.mesh import from_the_side, shade
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.visualization.canvas import background
-from hand_recon.visualization.mesh import from_the_side, shade
 
 FINGER_COLOURS: Final = (
     (30, 30, 30), (240, 190, 20), (40, 160, 70), (50, 100, 220), (205, 50, 160),

@@ -12,7 +12,7 @@ from hand_recon.data.crop_reader import CropReader, ReadingPolicy
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe
 from hand_recon.data.images import read_image
-from tests.data.freihand_folder import SIZE, Folder, edit_json, image_number, write_folder
+from tests.support.freihand_folder import SIZE, Folder, edit_json, image_number, write_folder
 
 FULL = CropPolicy(size=SIZE)
 

@@ -9,16 +9,17 @@ import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
-# Also for the resolvers that it registers.
-from hand_recon.configuration import CONF
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataModule, HandDataset, SeededShuffle
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
-from hand_recon.data.synthetic_datamodule import SyntheticDataModule
+from hand_recon.data.synthetic.datamodule import SyntheticDataModule
+
+# Also for the resolvers that it registers.
+from hand_recon.runs.configuration import CONF
 from hand_recon.schema import HandBatch, HandSample
-from tests.data.freihand_folder import write_folder
+from tests.support.freihand_folder import write_folder
 
 
 class Numbered:

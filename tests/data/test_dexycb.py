@@ -17,8 +17,8 @@ from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.dexycb import labels as labels_module
 from hand_recon.data.dexycb.dataset import DexYcb, DexYcbRecipe
 from hand_recon.data.dexycb.files import SERIALS, SUBJECTS
-from hand_recon.data.synthetic.layouts.dexycb import DexYcbFolder, write_dexycb_layout
-from tests.data.dexycb_folder import camera_of, edit_labels, first_sequence, label_of, meta_of
+from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
+from tests.support.dexycb_folder import camera_of, edit_labels, first_sequence, label_of, meta_of
 
 SMALL = CropPolicy(64, "joints", 1.5)
 

@@ -12,11 +12,11 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.dexycb.datamodule import DexYcbDataModule
 from hand_recon.data.dexycb.dataset import DexYcb, DexYcbRecipe
 from hand_recon.data.dexycb.surfaces import DexYcbSurfaces, ManoPair, load_pair
-from hand_recon.data.synthetic.layouts.dexycb import DexYcbFolder, write_dexycb_layout
-from hand_recon.hand.mano_layer import ManoLayer
-from tests.data.dexycb_folder import label_of, meta_of
-from tests.hand.mano_file import mano_arrays, write_mano_folder
-from tests.hand.mano_reference import posed_by_definition
+from hand_recon.hand.mano.layer import ManoLayer
+from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
+from tests.support.dexycb_folder import label_of, meta_of
+from tests.support.mano_file import mano_arrays, write_mano_folder
+from tests.support.mano_reference import posed_by_definition
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from hand_recon.data.dexycb.surfaces import load_pair
-from hand_recon.data.synthetic.layouts.dexycb import DexYcbFolder, write_dexycb_layout
 from hand_recon.evaluate import evaluate
+from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
 from hand_recon.train import train
-from tests.hand.mano_file import write_mano_folder
-from tests.test_main_job import pytestmark as as_in_the_main_job
-from tests.test_main_job import settings
+from tests.commands.test_train import pytestmark as as_in_the_main_job
+from tests.commands.test_train import settings
+from tests.support.mano_file import write_mano_folder
 
 pytestmark = as_in_the_main_job
 

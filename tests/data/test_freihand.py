@@ -9,8 +9,8 @@ import torch
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe
-from hand_recon.hand.mano import TIP_VERTICES
-from tests.data.freihand_folder import (
+from hand_recon.hand.mano.hand import TIP_VERTICES
+from tests.support.freihand_folder import (
     SIZE,
     Folder,
     edit_json,

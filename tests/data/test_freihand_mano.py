@@ -11,12 +11,12 @@ from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe
 from hand_recon.data.images import read_image
-from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
-from hand_recon.hand.mano import mano_hand
-from hand_recon.hand.mano_labels import freihand_parameters
-from hand_recon.hand.mano_layer import ManoLayer
-from tests.data.freihand_folder import Folder, image_number, write_folder, write_json
-from tests.hand.mano_file import write_mano_folder
+from hand_recon.hand.mano.hand import mano_hand
+from hand_recon.hand.mano.labels import freihand_parameters
+from hand_recon.hand.mano.layer import ManoLayer
+from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
+from tests.support.freihand_folder import Folder, image_number, write_folder, write_json
+from tests.support.mano_file import write_mano_folder
 
 HANDS = 20
 

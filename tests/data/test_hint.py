@@ -8,10 +8,10 @@ import pytest
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.landmarks.hint import read_hint
+from hand_recon.data.landmarks.image_files import scene
 from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.data.landmarks.pictures import scene
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
-from tests.data.dotted_pictures import Dotted, assert_same_points
+from tests.support.dotted_pictures import Dotted, assert_same_points
 
 
 def test_hidden_joints_are_labelled_and_the_name_tells_the_side(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from hand_recon.data.ho3d.annotations import read_annotations
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.data.ho3d.files import open_part
 from hand_recon.schema import HandSample
-from tests.data.freihand_folder import edit_json
-from tests.data.ho3d_folder import (
+from tests.support.freihand_folder import edit_json
+from tests.support.ho3d_folder import (
     Folder,
     Hand,
     meta_of,

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hand_recon.configuration import build_data
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.datamodule import Ho3dDataModule
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
-from hand_recon.data.synthetic.layouts.ho3d import Ho3dFolder, write_ho3d_layout
-from hand_recon.data.synthetic.picture import synthetic_view
+from hand_recon.data.synthetic.scene import synthetic_view
 from hand_recon.evaluate import evaluate
+from hand_recon.rehearsal.ho3d import Ho3dFolder, write_ho3d_layout
+from hand_recon.runs.configuration import build_data
 from hand_recon.train import train
-from tests.test_configuration import composed
-from tests.test_main_job import SMALL, settings
+from tests.commands.test_train import SMALL, settings
+from tests.runs.test_configuration import composed
 
 # Lightning's own, as in the main job's test.
 pytestmark = pytest.mark.filterwarnings(

@@ -12,10 +12,10 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import gather
 from hand_recon.data.ho3d.datamodule import Ho3dDataModule
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
-from hand_recon.hand.mano import mano_hand
-from hand_recon.hand.mano_layer import ManoLayer
-from tests.data.ho3d_folder import Folder, edit_meta, write_folder
-from tests.hand.mano_file import write_mano_folder
+from hand_recon.hand.mano.hand import mano_hand
+from hand_recon.hand.mano.layer import ManoLayer
+from tests.support.ho3d_folder import Folder, edit_meta, write_folder
+from tests.support.mano_file import write_mano_folder
 
 CROP = CropPolicy(size=32, around="joints")
 

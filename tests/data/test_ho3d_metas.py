@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from hand_recon.data.ho3d import metas
 from hand_recon.data.ho3d.metas import RefusedMetaError, read_meta
-from tests.hand.inert_pickles import HOSTILE_PICKLES, HOSTILE_VALUES, entry
-from tests.hand.mano_file import opcodes
+from tests.support.inert_pickles import HOSTILE_PICKLES, HOSTILE_VALUES, entry
+from tests.support.mano_file import opcodes
 
 NUMBERS = np.arange(63.0).reshape(21, 3) - 0.25
 

@@ -14,7 +14,7 @@ from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.data.ho3d.files import open_part
 from hand_recon.data.ho3d.metas import RefusedMetaError
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, landmark_permutation
-from tests.data.ho3d_folder import (
+from tests.support.ho3d_folder import (
     FLIP,
     Folder,
     edit_meta,

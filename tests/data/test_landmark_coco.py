@@ -7,7 +7,7 @@ import pytest
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.parsed import Assumptions
-from tests.data.landmark_writing import (
+from tests.support.landmark_writing import (
     POINTS,
     SCORES,
     assert_same_hands,

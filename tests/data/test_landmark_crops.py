@@ -14,7 +14,7 @@ from hand_recon.data.landmarks.crops import LandmarkCrops, to_crops, uncrop_pred
 from hand_recon.data.landmarks.landmark_set import LandmarkSet, mirror, mirror_left, mirror_matrices
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandParameters, HandPrediction
-from tests.tolerance import assert_close
+from tests.support.tolerance import assert_close
 
 HANDS = 4
 LEFT = torch.tensor([True, False, True, False])

@@ -14,7 +14,7 @@ from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.landmark_set import mirror_left
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
-from tests.data.landmark_writing import (
+from tests.support.landmark_writing import (
     CAMERA,
     POINTS,
     SCORES,

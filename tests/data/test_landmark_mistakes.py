@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from hand_recon.data.landmarks.files import read_landmarks
-from tests.data.landmark_writing import (
+from tests.support.landmark_writing import (
     CAMERA,
     POINTS,
     SCORES,

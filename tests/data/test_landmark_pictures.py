@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 
+from hand_recon.data.annotated_dataset import PictureHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.pictures import hand_frames
+from hand_recon.data.landmarks.image_files import hand_frames
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
-from hand_recon.data.picture_hands import PictureHands
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
 from hand_recon.schema import collate
-from tests.data.dotted_pictures import FORMS, Dotted
+from tests.support.dotted_pictures import FORMS, Dotted
 
 SIZE = 96
 

@@ -9,7 +9,7 @@ import pytest
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.hand.skeleton import LANDMARKS
-from tests.data.landmark_writing import (
+from tests.support.landmark_writing import (
     CAMERA,
     POINTS,
     SCORES,

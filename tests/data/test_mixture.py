@@ -20,9 +20,9 @@ from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
 from hand_recon.data.mixture import MixedHands, MixtureDataModule, WeightedShuffle, shares
 from hand_recon.schema import HandBatch
-from tests.data.dotted_pictures import Dotted
-from tests.data.freihand_folder import write_folder
 from tests.data.test_datamodule import Numbered, Watcher, trainer
+from tests.support.dotted_pictures import Dotted
+from tests.support.freihand_folder import write_folder
 
 SIZE = 16
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from hand_recon.data.synthetic import picture_store
+from hand_recon.data.synthetic import image_store as picture_store
 from hand_recon.data.synthetic.dataset import SyntheticHands
-from hand_recon.data.synthetic.layouts.freihand import FreiHandFolder, write_freihand_layout
-from hand_recon.data.synthetic.picture import SyntheticHand, synthetic_hand
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.synthetic.scene import SyntheticHand, synthetic_hand
+from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.schema import collate
 
 SIZE = 48

@@ -8,15 +8,15 @@ import torch
 
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
-from hand_recon.data.synthetic.levels import LEVELS
+from hand_recon.data.synthetic.levels import DIFFICULTIES
 from hand_recon.data.synthetic.light import open_sky
-from hand_recon.data.synthetic.picture import synthetic_hand
-from hand_recon.data.synthetic.rays import RayScene
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.synthetic.scene import synthetic_hand
 from hand_recon.data.synthetic.surface import box, revolved, vertex_normals
 from hand_recon.data.synthetic.view import FACING, axis_rotation, project, sample_view
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import LANDMARKS, TIPS
+from hand_recon.rendering.rays import RayScene
 
 SIZE = 64
 
@@ -45,7 +45,7 @@ def test_the_hand_does_not_depend_on_the_resolution() -> None:
     np.testing.assert_allclose(small.landmarks_3d, large.landmarks_3d, atol=1e-5)
 
 
-@pytest.mark.parametrize("level", sorted(LEVELS))
+@pytest.mark.parametrize("level", sorted(DIFFICULTIES))
 def test_test_labels_are_the_projections_of_the_truth(level: str) -> None:
     hand = synthetic_hand(recipe("test", level), 3)
     points = hand.landmarks_3d.astype(float) @ hand.intrinsics.T
@@ -65,7 +65,7 @@ def test_easy_hands_show_the_palm_with_fingers_up() -> None:
     random = np.random.default_rng(0)
     fist = np.random.default_rng(1).normal(scale=0.05, size=(21, 3))
     for _ in range(30):
-        view = sample_view(random, LEVELS["easy"], SIZE, fist)
+        view = sample_view(random, DIFFICULTIES["easy"], SIZE, fist)
         palm_normal = view.root_rotation @ [0.0, -1.0, 0.0]
         assert -palm_normal[2] >= np.cos(np.radians(40)) - 1e-9
         assert (view.root_rotation @ [-1.0, 0.0, 0.0])[1] < 0
@@ -109,7 +109,7 @@ def test_a_fist_hides_its_tips_from_behind_and_not_from_the_front() -> None:
 
 
 def test_label_noise_has_the_deviation_it_claims() -> None:
-    level = replace(LEVELS["hard"], missing=0.0)
+    level = replace(DIFFICULTIES["hard"], missing=0.0)
     depth = np.where(np.arange(21) % 2 == 0, -0.01, 0.02)
     random, clean = np.random.default_rng(0), np.zeros((21, 2))
     drawn = [sample_labels(random, level, clean, depth, 224) for _ in range(3000)]
@@ -121,7 +121,7 @@ def test_label_noise_has_the_deviation_it_claims() -> None:
 
 
 def test_missing_labels_are_nan_and_never_zero() -> None:
-    level = replace(LEVELS["hard"], missing=0.5)
+    level = replace(DIFFICULTIES["hard"], missing=0.5)
     labels = sample_labels(np.random.default_rng(0), level, np.ones((21, 2)), np.zeros(21), 224)
     assert 0 < labels.labelled.sum() < 21
     assert np.isnan(labels.landmarks_2d[~labels.labelled]).all()

@@ -9,15 +9,15 @@ import pytest
 import torch
 
 from hand_recon.camera import project
-from hand_recon.data.synthetic import picture_store
+from hand_recon.data.synthetic import image_store as picture_store
+from hand_recon.data.synthetic.datamodule import SyntheticDataModule
 from hand_recon.data.synthetic.dataset import SyntheticHands
-from hand_recon.data.synthetic.picture import SyntheticView, synthetic_hand, synthetic_view
 from hand_recon.data.synthetic.recipe import Recipe, level_named
-from hand_recon.data.synthetic_datamodule import SyntheticDataModule
+from hand_recon.data.synthetic.scene import SyntheticView, synthetic_hand, synthetic_view
 from hand_recon.data.upright import FILL
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.schema import HandBatch, collate
-from tests.tolerance import assert_close
+from tests.support.tolerance import assert_close
 
 SIZE = 150
 
@@ -167,7 +167,7 @@ def test_no_picture_is_painted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
         raise AssertionError("painted")
 
     monkeypatch.setattr(picture_store, "synthetic_hand", never)
-    monkeypatch.setattr("hand_recon.data.synthetic.picture.paint_picture", never)
+    monkeypatch.setattr("hand_recon.data.synthetic.scene.paint_picture", never)
     assert len(hands(cache, "train", 3)) == 3
 
 

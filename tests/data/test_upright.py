@@ -12,8 +12,8 @@ from hand_recon.data.upright import FILL, upright_motion
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.schema import HandBatch
-from tests.tolerance import assert_close
-from tests.views import known_hands, views
+from tests.support.tolerance import assert_close
+from tests.support.views import known_hands, views
 
 WRIST = LANDMARKS.index("wrist")
 KNUCKLES = [i for i, name in enumerate(LANDMARKS) if name.endswith("MCP") and "thumb" not in name]

@@ -17,8 +17,8 @@ from hand_recon.evaluation.alignment import (
     root_relative,
 )
 from hand_recon.evaluation.point_error import point_errors
-from tests import reference
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support import reference
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 ALIGNMENTS = {"official": align_official, "proper": align_proper}
 Alignment = Callable[[Tensor, Tensor], Tensor]

@@ -8,7 +8,7 @@ from hand_recon.evaluation.alignment import align_proper
 from hand_recon.evaluation.baseline import mean_pose_baseline, procrustes_mean
 from hand_recon.evaluation.point_error import point_errors
 from hand_recon.evaluation.scores import HandPoints
-from tests.tolerance import assert_close
+from tests.support.tolerance import assert_close
 
 
 def moved(points: Tensor) -> Tensor:

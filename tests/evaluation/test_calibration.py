@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 
 from hand_recon.evaluation.calibration import (
-    LEVELS,
+    COVERAGE_LEVELS,
     Calibration,
     expected_calibration_error,
     reliability_curve,
     sparsification_error,
     spearman,
 )
-from tests.tolerance import assert_close
+from tests.support.tolerance import assert_close
 
 HANDS = 500
 
@@ -153,7 +153,7 @@ def test_reliability_counts_what_lies_within_a_gaussians_interval() -> None:
 
 
 def test_errors_at_a_gaussians_quantiles_are_perfectly_calibrated() -> None:
-    levels = torch.tensor(LEVELS)
+    levels = torch.tensor(COVERAGE_LEVELS)
     exact = scipy.stats.norm.ppf((np.arange(4000) + 0.5) / 4000)
     standardised = torch.from_numpy(exact)
     assert_close(reliability_curve(standardised, levels), levels)

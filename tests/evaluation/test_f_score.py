@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from hand_recon.evaluation.f_score import BLOCK, F_THRESHOLDS, f_score
-from tests import reference
+from tests.support import reference
 
 
 def twin(truth: Tensor, prediction: Tensor) -> Tensor:

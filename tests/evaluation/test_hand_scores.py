@@ -7,10 +7,10 @@ import torch
 
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.schema import HandBatch, HandPrediction
-from tests.views import known_hands, views
+from tests.support.views import known_hands, views
 
 COUNT = 6
 

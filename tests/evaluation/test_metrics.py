@@ -10,7 +10,7 @@ from torch.multiprocessing.spawn import start_processes
 
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
-from tests import reference
+from tests.support import reference
 
 VERTICES = 60
 """Fewer than a hand's: nothing here depends on how many."""

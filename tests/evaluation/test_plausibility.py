@@ -18,9 +18,9 @@ from hand_recon.evaluation.plausibility import (
 )
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.biomechanics import pose_loss
-from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 TABLES = ["literature", "paper_release"]
 VERTICES = torch.zeros(4, 5, 3)

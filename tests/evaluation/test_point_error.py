@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.evaluation.point_error import auc, point_errors
-from tests import reference
-from tests.tolerance import BATCH_SHAPES
+from tests.support import reference
+from tests.support.tolerance import BATCH_SHAPES
 
 
 def test_three_four_five() -> None:

@@ -12,7 +12,6 @@ from torch import Tensor
 from hand_recon.camera import project
 from hand_recon.data.augment import move
 from hand_recon.data.upright import upright_motion
-from hand_recon.encoder import LandmarkEncoder
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.fitting.descent import Descent, Fitted, Objective, fit
@@ -22,11 +21,12 @@ from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import load_ranges
-from hand_recon.reconstructor import Reconstructor
+from hand_recon.regressor.error_feedback import Regressor
+from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.uncertainty import NegativeLogLikelihood, SquaredError, Staged
-from tests.tolerance import assert_close
-from tests.views import known_hands, views
+from tests.support.tolerance import assert_close
+from tests.support.views import known_hands, views
 
 COUNT = 8
 
@@ -250,7 +250,7 @@ def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior:
 
 def test_a_lifters_answer_is_where_it_saw_the_hand(hand: HandModel, seen: HandBatch) -> None:
     """In any camera and roll: the start projects to where the lifter's own camera has it."""
-    network = Reconstructor(LandmarkEncoder(width=16, depth=1), hand, width=16, dropout=0.0).eval()
+    network = Regressor(LandmarkEncoder(width=16, depth=1), hand, width=16, dropout=0.0).eval()
     assert seen.intrinsics is not None
     cameras = seen.intrinsics.clone()
     cameras[:, :2, 2] += torch.tensor([40.0, -25.0])

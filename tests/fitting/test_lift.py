@@ -6,23 +6,21 @@ import pytest
 import torch
 
 from hand_recon.camera import default_intrinsics
-from hand_recon.encoder import LandmarkEncoder
 from hand_recon.fitting.lift import lift, lifted_start
 from hand_recon.fitting.observation import Observation
 from hand_recon.hand.model import HandModel
-from hand_recon.reconstructor import Reconstructor
-from tests.tolerance import assert_close
-from tests.views import known_hands, views
+from hand_recon.regressor.error_feedback import Regressor
+from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from tests.support.tolerance import assert_close
+from tests.support.views import known_hands, views
 
 COUNT = 6
 
 
 @pytest.fixture
-def lifter(hand: HandModel) -> Reconstructor:
+def lifter(hand: HandModel) -> Regressor:
     encoder = LandmarkEncoder(width=32, depth=1)
-    network = Reconstructor(
-        encoder, hand, width=32, dropout=0.0, activation=True, reprojection=True
-    )
+    network = Regressor(encoder, hand, width=32, dropout=0.0, activation=True, reprojection=True)
     with torch.no_grad():
         # Not the starting hand for all: an answer that follows the landmarks.
         for parameter in network.decoders.parameters():
@@ -43,7 +41,7 @@ def moved(seen: Observation, linear: torch.Tensor) -> Observation:
     return Observation(landmarks, seen.labelled, seen.intrinsics)
 
 
-def test_a_turned_crop_gives_the_turned_hand(lifter: Reconstructor, seen: Observation) -> None:
+def test_a_turned_crop_gives_the_turned_hand(lifter: Regressor, seen: Observation) -> None:
     angle = 0.7
     turn = torch.eye(3)
     turn[:2, :2] = torch.tensor(
@@ -54,12 +52,12 @@ def test_a_turned_crop_gives_the_turned_hand(lifter: Reconstructor, seen: Observ
     assert_close(turned.parameters.joint_angles, alone.parameters.joint_angles)
 
 
-def test_sigma_is_in_pixels_of_the_crop(lifter: Reconstructor, seen: Observation) -> None:
+def test_sigma_is_in_pixels_of_the_crop(lifter: Regressor, seen: Observation) -> None:
     alone, half = lift(lifter, seen), lift(lifter, moved(seen, 0.5 * torch.eye(2)))
     assert_close(half.log_sigma, alone.log_sigma - math.log(2))
 
 
-def test_a_start_is_the_answer(lifter: Reconstructor, seen: Observation) -> None:
+def test_a_start_is_the_answer(lifter: Regressor, seen: Observation) -> None:
     answer, start = lift(lifter, seen).parameters, lifted_start(lifter, seen)
     assert start.shape.shape == (COUNT, 1, 10)
     assert_close(start.joint_angles[:, 0], answer.joint_angles)

@@ -14,8 +14,8 @@ from hand_recon.fitting.observation import (
     sigma_of_confidence,
 )
 from hand_recon.hand.model import HandModel
-from tests.tolerance import assert_close
-from tests.views import known_hands, views
+from tests.support.tolerance import assert_close
+from tests.support.views import known_hands, views
 
 COUNT = 8
 

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from hand_recon.camera import default_intrinsics, project
-from hand_recon.fitting.start import BENDS, PALM, Start, closed_form_starts
+from hand_recon.fitting.start import BENDS, PALM_LANDMARKS, Start, closed_form_starts
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.schema import HandGeometry, HandParameters
-from tests.views import known_hands, views
+from tests.support.views import known_hands, views
 
 COUNT = 200
 FAR = 1e7
@@ -23,8 +23,8 @@ class FlatHand(HandModel):
     def forward(self, joint_angles: torch.Tensor, shape: torch.Tensor) -> HandGeometry:
         posed = super().forward(joint_angles, shape)
         points = posed.landmarks
-        centre = points[list(PALM)].mean(dim=0)
-        normal = torch.linalg.svd(points[list(PALM)] - centre)[2][2]
+        centre = points[list(PALM_LANDMARKS)].mean(dim=0)
+        normal = torch.linalg.svd(points[list(PALM_LANDMARKS)] - centre)[2][2]
         away = (points - centre) @ normal
         return HandGeometry(posed.vertices, posed.joints, points - away[:, None] * normal)
 
@@ -109,7 +109,7 @@ def test_a_real_palm_is_near_the_better_placement(hand: HandModel) -> None:
     assert (depth.log().abs().amin(dim=1).median()) < 0.1
     for which in (0, 1):
         pixels = project(shown(starts, which, hand), batch.intrinsics)
-        off_palm = (pixels - batch.landmarks_2d)[:, list(PALM)].norm(dim=-1)
+        off_palm = (pixels - batch.landmarks_2d)[:, list(PALM_LANDMARKS)].norm(dim=-1)
         assert off_palm.median() < 6
 
 
@@ -161,13 +161,13 @@ def test_starts_are_finite_whatever_is_missing(hand: HandModel, left: list[int])
 def test_the_palm_alone_is_enough(hand: HandModel) -> None:
     batch = views(hand, known_hands(hand, 50))
     labelled = torch.zeros(50, 21, dtype=torch.bool)
-    labelled[:, list(PALM)] = True
+    labelled[:, list(PALM_LANDMARKS)] = True
     landmarks = batch.landmarks_2d.masked_fill(~labelled[..., None], torch.nan)
     camera = default_intrinsics(224, landmarks).expand(50, 3, 3)
     starts = closed_form_starts(hand, landmarks, labelled, camera)
     for which in range(4):
         seen = project(shown(starts, which, hand), camera)
-        off = (seen - batch.landmarks_2d)[:, list(PALM)].norm(dim=-1)
+        off = (seen - batch.landmarks_2d)[:, list(PALM_LANDMARKS)].norm(dim=-1)
         assert off.mean(dim=1).median() < 6
 
 

@@ -10,7 +10,7 @@ from hand_recon.hand.axis_angle import (
     mirror_axis_angle,
     rotation_to_axis_angle,
 )
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 def _directions(count: int) -> torch.Tensor:

@@ -5,7 +5,7 @@ import torch
 from hand_recon.hand.landmark_order import FEWEST, better_order, bone_sums
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, landmark_permutation
-from tests.views import known_hands, views
+from tests.support.views import known_hands, views
 
 ORDERS = sorted(LANDMARK_ORDERS)
 

@@ -12,7 +12,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import load_open_hand
 from hand_recon.hand.skeleton import JOINTS, LANDMARKS, PARENTS, ROOT_JOINT
 from hand_recon.schema import HandParameters
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 def pose(shape: tuple[int, ...], scale: float = 0.4) -> tuple[torch.Tensor, torch.Tensor]:

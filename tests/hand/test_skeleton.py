@@ -5,11 +5,11 @@ import itertools
 import pytest
 
 from hand_recon.hand.skeleton import (
+    JOINT_LEVELS,
     JOINTS,
     LANDMARK_ORDERS,
     LANDMARK_PARENTS,
     LANDMARKS,
-    LEVELS,
     PARENTS,
     landmark_permutation,
 )
@@ -51,7 +51,7 @@ def test_every_order_names_the_same_landmarks() -> None:
 
 def test_levels_pose_parents_first() -> None:
     done = {0}
-    for level in LEVELS:
+    for level in JOINT_LEVELS:
         assert {PARENTS[joint] for joint in level} <= done
         done |= set(level)
     assert done == set(range(len(JOINTS)))

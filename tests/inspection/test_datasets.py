@@ -5,8 +5,8 @@ import pytest
 
 from hand_recon.inspection.datasets import look_at_datasets, look_at_mano
 from hand_recon.inspection.finding import Finding
-from tests.data.freihand_folder import write_folder
-from tests.hand.mano_file import write_mano_folder, write_mano_pickle
+from tests.support.freihand_folder import write_folder
+from tests.support.mano_file import write_mano_folder, write_mano_pickle
 
 
 def named(findings: list[Finding], subject: str) -> Finding:

@@ -7,7 +7,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import landmark_permutation
 from hand_recon.inspection.labels import curls_to_the_palm, examine_labels
 from hand_recon.schema import HandBatch
-from tests.views import known_hands, views
+from tests.support.views import known_hands, views
 
 
 @pytest.fixture(scope="module")

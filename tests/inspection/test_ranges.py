@@ -9,7 +9,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.inspection.ranges import examine_poses
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.schema import HandParameters
-from tests.views import known_hands
+from tests.support.views import known_hands
 
 
 class Known(HandDataModule):

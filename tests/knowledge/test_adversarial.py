@@ -17,7 +17,7 @@ from hand_recon.knowledge.adversarial import (
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.schema import HandParameters
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 def hands(count: int, bend: float = 0.0, size: float = 0.0) -> HandParameters:

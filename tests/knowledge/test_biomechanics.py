@@ -10,13 +10,13 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
-from hand_recon.knowledge.physics import NonPenetration
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.pose_components import PoseComponents
 from hand_recon.knowledge.prior import Prior, shape_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from hand_recon.schema import HandParameters, HandPrediction
-from tests.knowledge import reference
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support import knowledge_reference as reference
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 @pytest.fixture(scope="module")

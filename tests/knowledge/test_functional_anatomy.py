@@ -12,8 +12,8 @@ from hand_recon.hand.skeleton import ARTICULATED
 from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import VARIANTS, FunctionalAnatomy
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
-from tests.knowledge.anatomy import NO_RULE, RULES, only, place, pose, round_ranges
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.anatomy import NO_RULE, RULES, only, place, pose, round_ranges
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import torch
 from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
-from tests.knowledge.anatomy import Degrees, only, place, pose, round_ranges
+from tests.support.anatomy import Degrees, only, place, pose, round_ranges
 
 
 @pytest.fixture(scope="module")

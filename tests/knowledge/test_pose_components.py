@@ -9,7 +9,7 @@ import torch
 import build_pose_components
 from hand_recon.knowledge import pose_components
 from hand_recon.knowledge.pose_components import PoseComponents
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
 @pytest.fixture(scope="module")

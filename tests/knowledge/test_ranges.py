@@ -12,7 +12,7 @@ from hand_recon.hand.anatomical_frame import angles_to_rotation, rotation_to_ang
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges, table_path
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 BEND, SPLAY, TWIST = (AXES.index(axis) for axis in ("bend", "splay", "twist"))
 

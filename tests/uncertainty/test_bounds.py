@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from hand_recon.uncertainty import soft_bound
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 LOWER, UPPER = math.log(0.5), math.log(50.0)
 

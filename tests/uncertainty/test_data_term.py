@@ -15,7 +15,7 @@ from hand_recon.uncertainty import (
     SquaredError,
     Staged,
 )
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 TERMS = {
     "mse": SquaredError(),

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.distributions import Laplace, MultivariateNormal, Normal
 
 from hand_recon.uncertainty.likelihoods import beta_gaussian, full_gaussian, gaussian, laplace
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 GAUSSIAN_CONSTANT = 0.5 * math.log(2 * math.pi)
 LAPLACE_CONSTANT = 0.5 * math.log(2)

@@ -16,7 +16,7 @@ from hand_recon.uncertainty import (
     Staged,
 )
 from hand_recon.uncertainty.staged import RUNNING_DECAY, RunningResidual
-from tests.tolerance import BATCH_SHAPES, assert_close
+from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 STEPS_PER_EPOCH = 10
 

@@ -6,14 +6,14 @@ import torch
 
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.visualization.ellipses import (
-    LEVELS,
+    SIGMA_LEVELS,
     covariances,
     draw_ellipses,
     ellipse_panels,
     principal_axes,
 )
 from hand_recon.visualization.overlay import FINGER_COLOURS
-from tests.tolerance import BATCH_SHAPES
+from tests.support.tolerance import BATCH_SHAPES
 
 WHITE = np.full((200, 200, 3), 255, dtype=np.uint8)
 
@@ -105,7 +105,7 @@ def test_the_picture_that_is_drawn_on_stays_as_it_was() -> None:
     before = WHITE.copy()
     draw_ellipses(WHITE, np.full((21, 2), 50.0), np.tile(np.eye(2) * 9, (21, 1, 1)))
     assert (before == WHITE).all()
-    assert LEVELS == (1.0, 2.0)
+    assert SIGMA_LEVELS == (1.0, 2.0)
 
 
 def test_an_uncertain_landmark_has_more_ink_and_no_picture_is_white(

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from hand_recon.data.dexycb.dataset import AROUND_JOINTS, DexYcb, DexYcbRecipe
-from hand_recon.data.picture_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import PictureDataModule
 from hand_recon.schema import HandParameters
 
 

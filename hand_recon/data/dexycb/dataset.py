@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -35,7 +36,6 @@ from hand_recon.data.dexycb.listing import look_at_files
 from hand_recon.data.dexycb.splits import PARTS, SETUPS, Frames, enumerate_frames, split_named
 from hand_recon.data.dexycb.surfaces import GT_MODES, DexYcbSurfaces, load_pair
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
 
 logger = logging.getLogger(__name__)
 

@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hand_recon.hand.axis_angle import mirror_axis_angle
-from hand_recon.hand.mano_labels import dexycb_parameters
-from hand_recon.hand.mano_layer import ManoLayer, ManoParameters
-from hand_recon.hand.mano_store import Side
+from hand_recon.hand.mano.labels import dexycb_parameters
+from hand_recon.hand.mano.layer import ManoLayer, ManoParameters
+from hand_recon.hand.mano.store import Side
 from hand_recon.schema import HandParameters
 
 logger = logging.getLogger(__name__)

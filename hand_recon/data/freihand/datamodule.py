@@ -7,9 +7,9 @@ import torch
 
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe, training_mano
-from hand_recon.data.picture_datamodule import PictureDataModule
-from hand_recon.hand.mano_labels import freihand_parameters
-from hand_recon.hand.mano_layer import ManoLayer
+from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.hand.mano.labels import freihand_parameters
+from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.schema import HandParameters
 
 

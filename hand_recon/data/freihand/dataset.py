@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.freihand.splits import FreiHandRecipe, choose_hands
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
-from hand_recon.hand.mano import follows_mano
+from hand_recon.hand.mano.hand import follows_mano
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.data.cache import digest
-from hand_recon.data.freihand.pictures import (
+from hand_recon.data.freihand.image_files import (
     ARCHIVES,
     NumberedPictures,
     list_pictures,

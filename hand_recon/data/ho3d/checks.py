@@ -15,7 +15,7 @@ from hand_recon.hand.skeleton import ROOT_LANDMARK, landmark_permutation
 PROBES: Final = 1000
 """Frames whose bones are measured."""
 
-PALM: Final = (0.04, 0.2)
+PALM_LENGTHS: Final = (0.04, 0.2)
 """Metres from wrist to middle MCP, in the median, that some hand could have; grown hands have 0.1."""
 
 
@@ -40,7 +40,7 @@ def check_landmarks(
     some = landmarks[:: max(1, len(landmarks) // PROBES)]
     _check_order(path, some)
     palm = float(np.median(np.linalg.norm(some[:, ROOT_LANDMARK] - some[:, 0], axis=-1)))
-    if not PALM[0] < palm < PALM[1]:
+    if not PALM_LENGTHS[0] < palm < PALM_LENGTHS[1]:
         raise ValueError(
             f"{path}: from the wrist to the middle finger's MCP it is {palm:.4g} in the median, expected "
             "about 0.1: the unit must be metres."

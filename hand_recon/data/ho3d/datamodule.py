@@ -4,7 +4,7 @@ import numpy as np
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
-from hand_recon.data.picture_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import PictureDataModule
 from hand_recon.schema import HandParameters
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from hand_recon.data.annotated import AnnotatedHands, Surfaces
+from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotations import AnnotatedHands, Surfaces
 from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -19,12 +20,11 @@ from hand_recon.data.held_out import check_held_out
 from hand_recon.data.ho3d.annotations import Annotations, read_annotations
 from hand_recon.data.ho3d.checks import check_landmarks, check_wrists_inside
 from hand_recon.data.ho3d.files import COUNTS, FramePictures, Ho3dPart, open_part
+from hand_recon.data.ho3d.ground_truth import HOW_TO_GET, EvaluationTruth, find_truth, load_truth
 from hand_recon.data.ho3d.splits import split_frames
 from hand_recon.data.ho3d.surfaces import ManoHands, load_mano_if_there
-from hand_recon.data.ho3d.truth import HOW_TO_GET, EvaluationTruth, find_truth, load_truth
 from hand_recon.data.images import read_image
-from hand_recon.data.picture_hands import Benchmark, PictureHands, PictureRecipe
-from hand_recon.hand.mano import JUDGED, follows_mano
+from hand_recon.hand.mano.hand import JUDGED, follows_mano
 
 logger = logging.getLogger(__name__)
 

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.hand.inert_pickle import RefusedPickleError, load_inert
-from hand_recon.hand.pickled_arrays import NUMPY_NAMES, NoNumbersError, is_nothing, to_array
+from hand_recon.hand.mano.inert_pickle import RefusedPickleError, load_inert
+from hand_recon.hand.mano.pickled_arrays import NUMPY_NAMES, NoNumbersError, is_nothing, to_array
 
 MAX_BYTES: Final = 16 * 2**20
 """Largest file that is read; HO3D's have some 50 kB."""

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.data.ho3d.annotations import Annotations
-from hand_recon.hand.mano_labels import ho3d_parameters
-from hand_recon.hand.mano_layer import ManoLayer, ManoParameters
+from hand_recon.hand.mano.labels import ho3d_parameters
+from hand_recon.hand.mano.layer import ManoLayer, ManoParameters
 from hand_recon.schema import HandParameters
 
 logger = logging.getLogger(__name__)

@@ -26,7 +26,7 @@ class LandmarkCrops:
     """Crops without pictures of `REFERENCE_SIZE` pixels, and the way back to the images."""
 
     batch: HandBatch
-    """What a reconstructor or a fit takes; `label_noise` is the labels' σ in pixels of the crop."""
+    """What a regressor or a fit takes; `label_noise` is the labels' σ in pixels of the crop."""
     matrices: Float[Tensor, "hand 3 3"]
     """Pixels of the image → pixels of the crop, double precision; left hands are mirrored by them."""
     mirrored: Bool[Tensor, " hand"]

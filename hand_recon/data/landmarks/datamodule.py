@@ -8,8 +8,8 @@ from torch import Tensor
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.image_datamodule import PictureDataModule
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
-from hand_recon.data.picture_datamodule import PictureDataModule
 
 
 class LandmarkDataModule(PictureDataModule):

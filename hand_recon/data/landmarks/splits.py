@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from hand_recon.data.annotated import AnnotatedHands
+from hand_recon.data.annotated_dataset import PictureHands, PictureRecipe
+from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.hint import folders_of, read_hint
+from hand_recon.data.landmarks.image_files import annotate, scene
 from hand_recon.data.landmarks.landmark_set import LandmarkSet
 from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.data.landmarks.pictures import annotate, scene
-from hand_recon.data.picture_hands import PictureHands, PictureRecipe
 
 logger = logging.getLogger(__name__)
 

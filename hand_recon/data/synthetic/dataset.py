@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from hand_recon.data.synthetic.picture_store import COLUMNS, ensure_store
+from hand_recon.data.synthetic.image_store import COLUMNS, ensure_store
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.upright import upright_motion
 from hand_recon.hand.model import HandModel
@@ -52,7 +52,7 @@ class SyntheticHands(Dataset[HandSample]):
             split: `train`, `val` or `test`.
             size: Number of pictures.
             crop_size: Side of a picture, pixels.
-            level: A key of `hand_recon.data.synthetic.levels.LEVELS`.
+            level: A key of `hand_recon.data.synthetic.levels.DIFFICULTIES`.
             seed: Of the whole set.
             cache_dir: Where rendered sets are kept.
             workers: Processes that render; 0 or 1 renders in this one.

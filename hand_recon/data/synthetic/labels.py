@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float
 
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.data.synthetic.levels import Level
-from hand_recon.data.synthetic.rays import RayScene
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import JOINT_OF_LANDMARK
+from hand_recon.rendering.rays import RayScene
 
 _THINNEST: Final = 0.0075
 """Metres of flesh over the tips, whose landmarks lie too close to the end to measure it."""

@@ -70,7 +70,7 @@ class Level:
     """Probability that a landmark has no label."""
 
 
-LEVELS: Final[dict[str, Level]] = {
+DIFFICULTIES: Final[dict[str, Level]] = {
     "easy": Level("easy"),
     "medium": Level(
         "medium", cone=80.0, roll=60.0, fill=(0.62, 0.83), shift=0.05, calm_background=0.25,

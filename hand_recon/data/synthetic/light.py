@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.data.synthetic.rays import RayScene
+from hand_recon.rendering.rays import RayScene
 
 _LIFT: Final = 0.002
 """Where secondary rays start above the surface, metres: coarse triangles must not shadow themselves."""

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.data.synthetic.background import sample_background
 from hand_recon.data.synthetic.light import open_sky, sample_lights, shade
-from hand_recon.data.synthetic.rays import Hits, RayScene
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.sensor import develop
 from hand_recon.data.synthetic.skin import (
@@ -25,6 +24,7 @@ from hand_recon.data.synthetic.skin import (
 )
 from hand_recon.data.synthetic.surface import SKIN, THING, Surface, merged, vertex_normals
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.rendering.rays import Hits, RayScene
 
 _FAR: Final = 10.0
 """Depth of a pixel that shows no surface, metres."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hand_recon.data.synthetic.levels import LEVELS, Level
+from hand_recon.data.synthetic.levels import DIFFICULTIES, Level
 
 SPLITS: Final[tuple[str, ...]] = ("train", "val", "test")
 """Training and validation share gestures and palettes; test has its own."""
@@ -73,6 +73,6 @@ def level_named(name: str) -> Level:
     Raises:
         ValueError: There is none.
     """
-    if name not in LEVELS:
-        raise ValueError(f"Unknown level {name!r}; synthetic hands have {sorted(LEVELS)}.")
-    return LEVELS[name]
+    if name not in DIFFICULTIES:
+        raise ValueError(f"Unknown level {name!r}; synthetic hands have {sorted(DIFFICULTIES)}.")
+    return DIFFICULTIES[name]

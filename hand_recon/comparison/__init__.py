@@ -1,1 +1,0 @@
-"""Runs side by side: the paper's tables beside ours, over seeds and with intervals."""

@@ -1,0 +1,175 @@
+"""Pictures of hands with 2D landmarks alone, as training data: what this method was made for (Sec. 3.3).
+
+COCO keypoints, JSON lists, CSV (`hand_recon.data.landmarks.files`) or a folder of HInt
+(`hand_recon.data.landmarks.hint`) become one table of annotated pictures.
+"""
+
+import logging
+import re
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from hand_recon.data.annotations import AnnotatedHands
+from hand_recon.data.cache import digest, file_identity
+from hand_recon.data.images import read_image
+from hand_recon.data.landmarks.landmark_set import FEWEST, LandmarkSet, boxes
+
+logger = logging.getLogger(__name__)
+
+WHOLE: Final = 16
+"""Labelled landmarks from which their own box is the hand's: at most a finger and a joint are missing."""
+
+LOOKED_AT: Final = 16
+"""Pictures that are opened to see whether the landmarks lie in them."""
+
+
+def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -> AnnotatedHands:
+    """A table of the hands that can be learnt from; those left out are counted aloud.
+
+    Args:
+        landmarks: Of any hands, each with its picture.
+        root: The folder by which samples are named, and the table too.
+        around: `joints` puts the box of the labelled landmarks into the table, `box` the dataset's own
+            (`hand_frames`).
+        min_side: Hands whose box is smaller are left out, pixels of the picture.
+
+    Raises:
+        FileNotFoundError: None of the pictures is there.
+        ValueError: A hand has no picture, no hand is left, or most landmarks lie outside their pictures.
+    """
+    pictures = _pictures(landmarks, root)
+    frames = hand_frames(landmarks, around)
+    kept = _worth_keeping(landmarks, frames, min_side, root).numpy()
+    chosen = landmarks.select(torch.from_numpy(kept))
+    rows = np.flatnonzero(kept)
+    frames = frames[torch.from_numpy(kept)]
+    shown = [pictures[row] for row in rows]
+    left = chosen.left.numpy()
+    columns = (chosen.landmarks_2d, frames, chosen.left, chosen.intrinsics, chosen.sigma,
+               chosen.confidence, chosen.occluded)  # fmt: skip
+    table = AnnotatedHands(
+        name=f"landmarks-{re.sub(r'[^A-Za-z0-9_-]+', '-', root.name) or 'hands'}",
+        root=root,
+        pictures=shown,
+        fingerprint=digest(
+            _identity(shown), around, *(None if c is None else c.numpy().tobytes() for c in columns)
+        ),
+        landmarks_2d=chosen.landmarks_2d.numpy(),
+        left=left if left.any() else None,
+        intrinsics=_array(chosen.intrinsics),
+        boxes=frames.numpy(),
+        occluded=_array(chosen.occluded),
+        confidence=_array(chosen.confidence),
+        label_noise=_array(chosen.sigma),
+    )
+    _check_size(table)
+    return table
+
+
+def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
+    """Left, top, right and bottom of what a crop is made around, pixels of the image.
+
+    Where fewer than `WHOLE` landmarks are labelled, their box may show a single finger: then a dataset's box,
+    where there is one, is joined to it. Where there is none, a crop around the box is one around the labels.
+
+    Args:
+        landmarks: Of any hands.
+        around: `box` takes the dataset's box wherever there is one, else that of the landmarks is taken.
+    """
+    low, high = boxes(landmarks)
+    labels = torch.cat([low, high], dim=-1)
+    if landmarks.hand_boxes is None:
+        return labels
+    drawn = torch.where(landmarks.hand_boxes.isnan(), labels, landmarks.hand_boxes)
+    if around == "box":
+        return drawn
+    joined = torch.cat(
+        [torch.minimum(drawn[:, :2], low), torch.maximum(drawn[:, 2:], high)], dim=-1
+    )
+    whole = landmarks.labelled.sum(dim=-1, keepdim=True) >= WHOLE
+    return torch.where(whole, labels, joined)
+
+
+def scene(picture: Path) -> str:
+    """What may not be in two splits: a picture, under whichever of HInt's two names (`_l`, `_r`)."""
+    return str(picture.with_name(re.sub(r"_[lr]$", "", picture.stem)))
+
+
+def _pictures(landmarks: LandmarkSet, root: Path) -> list[Path]:
+    pictures = [picture for picture in landmarks.images if picture is not None]
+    if len(pictures) < len(landmarks):
+        raise ValueError(
+            f"{root}: {len(landmarks) - len(pictures)} of {len(landmarks)} hands name no picture. To train "
+            "on pictures, each hand needs one: `image` in JSON and CSV, `image_id` and `images` in COCO."
+        )
+    distinct = set(pictures)
+    missing = sorted(picture for picture in distinct if not picture.is_file())
+    if len(missing) == len(distinct):
+        raise FileNotFoundError(
+            f"None of {len(distinct)} pictures is there; the first would be {missing[0]}. Name their folder "
+            "with data.images."
+        )
+    if missing:
+        logger.warning(
+            "%d of %d pictures are not there and count like damaged ones; the first is %s.",
+            len(missing), len(distinct), missing[0],
+        )  # fmt: skip
+    return pictures
+
+
+def _worth_keeping(
+    landmarks: LandmarkSet, frames: Float[Tensor, "hand 4"], min_side: float, root: Path
+) -> Bool[Tensor, " hand"]:
+    enough = landmarks.usable
+    tiny = enough & ((frames[:, 2:] - frames[:, :2]).amax(dim=-1) < min_side)
+    kept = enough & ~tiny
+    if not kept.all():
+        logger.warning(
+            "%s: %d of %d hands are left out: %d have fewer than %d labelled landmarks (or all in one "
+            "place), %d are smaller than min_side=%g pixels.",
+            root, int((~kept).sum()), len(kept), int((~enough).sum()), FEWEST, int(tiny.sum()), min_side,
+        )  # fmt: skip
+    if not kept.any():
+        raise ValueError(
+            f"{root}: none of {len(kept)} hands can be learnt from; each needs {FEWEST} labelled landmarks "
+            f"and min_side={min_side:g} pixels of its picture."
+        )
+    return kept
+
+
+def _identity(pictures: list[Path]) -> str:
+    """Changes whenever a picture does."""
+    distinct = sorted(set(pictures))
+    known = {path: file_identity(path) if path.is_file() else str(path) for path in distinct}
+    return digest([known[path] for path in pictures])
+
+
+def _array(column: Tensor | None) -> np.ndarray | None:
+    return None if column is None else column.numpy()
+
+
+def _check_size(table: AnnotatedHands) -> None:
+    """Refuse landmarks of which most are not in their pictures: they belong to another size.
+
+    Raises:
+        ValueError: More than half of the hands that were looked at are elsewhere.
+    """
+    seen, outside = 0, 0
+    for row in np.unique(np.linspace(0, len(table) - 1, LOOKED_AT).round().astype(int)):
+        picture = read_image(table.pictures[row])
+        if picture is None or table.boxes is None:
+            continue
+        middle = table.boxes[row].reshape(2, 2).mean(axis=0)
+        size = np.array(picture.shape[1::-1])
+        seen += 1
+        outside += bool(((middle < 0) | (middle > size)).any())
+    if outside > seen / 2:
+        raise ValueError(
+            f"{table.root}: {outside} of {seen} hands that were looked at lie outside their pictures. "
+            "Landmarks must be in pixels of the pictures as they are on the disk, not of resized ones."
+        )

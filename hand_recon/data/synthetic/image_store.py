@@ -1,0 +1,234 @@
+"""Synthetic hands on disk: rendered once, in parallel, resumed after an interruption.
+
+A store is a folder: `images.npy` (bytes, memory-mapped), `labels.npz` (everything else) and `manifest.json`.
+It grows under another name and is renamed when complete, so a folder that exists is whole.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import BinaryIO, Final
+
+import numpy as np
+from numpy.lib.format import open_memmap
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hand_recon.data.processes import single_threaded_processes
+from hand_recon.data.synthetic.recipe import Recipe
+from hand_recon.data.synthetic.scene import SyntheticView, synthetic_hand, synthetic_view
+from hand_recon.hand.open_hand import ASSET
+
+CHUNK: Final = 64
+"""Pictures that a worker renders between two reports; an interruption costs no more per worker."""
+
+COLUMNS: Final[tuple[str, ...]] = (
+    "landmarks_2d", "labelled", "label_noise", "confidence", "occluded", "landmarks_3d", "intrinsics",
+    "joint_angles", "shape", "root_rotation", "translation",
+)  # fmt: skip
+"""What is stored of each picture besides its pixels; names as in `SyntheticView`."""
+
+
+_NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py"})
+"""Modules that no picture depends on."""
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A piece of work for one process."""
+
+    recipe: Recipe
+    """Of the whole set."""
+    folder: Path
+    """Where the store grows."""
+    start: int
+    """First index."""
+    stop: int
+    """One past the last."""
+
+    @property
+    def path(self) -> Path:
+        """Labels of the chunk; the file exists once the chunk is complete."""
+        return self.folder / f"chunk_{self.start:08d}.npz"
+
+
+def fingerprint(recipe: Recipe, size: int) -> str:
+    """Ten hex digits that change with the recipe, the renderer, the gestures and the hand."""
+    digest = hashlib.sha256(json.dumps([asdict(recipe), size], sort_keys=True).encode())
+    own = files("hand_recon.data.synthetic")
+    names = sorted(entry.name for entry in own.iterdir())
+    for name in names:
+        if name.endswith((".py", ".yaml")) and name not in _NOT_SEEN:
+            digest.update((own / name).read_bytes())
+    for name in ("model.py", "anatomical_frame.py", ASSET):
+        digest.update((files("hand_recon.hand") / name).read_bytes())
+    return digest.hexdigest()[:10]
+
+
+def store_path(cache_dir: Path, recipe: Recipe, size: int) -> Path:
+    """Where the pictures of a recipe live."""
+    resolution = f"x{recipe.crop_size}px" if recipe.pictures else "_views"
+    name = f"synthetic_{recipe.level.name}_{recipe.split}_{size}{resolution}"
+    return cache_dir / f"{name}_{fingerprint(recipe, size)}"
+
+
+def ensure_store(cache_dir: Path, recipe: Recipe, size: int, workers: int) -> Path:
+    """The folder with the pictures, rendered now if they are not there yet.
+
+    Args:
+        cache_dir: Folder for this and other stores; made if missing.
+        recipe: What to render.
+        size: How many pictures.
+        workers: Processes; 0 or 1 renders in this one.
+
+    Raises:
+        ValueError: The size is not positive.
+    """
+    if size < 1:
+        raise ValueError(f"A synthetic set needs at least one picture, found size={size}.")
+    path = store_path(cache_dir, recipe, size)
+    if path.is_dir():
+        return path
+    cache_dir.mkdir(parents=True, exist_ok=True)
+    with _alone(path.with_suffix(".lock")):
+        # Whoever held the lock before may have finished the same set.
+        if not path.is_dir():
+            _build(path, recipe, size, workers)
+    return path
+
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Wait until no other process builds the same set; the system frees the lock of a killed one."""
+    with lock.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
+    """Render what is missing under a temporary name, then rename."""
+    growing = path.with_name(path.name + ".partial")
+    growing.mkdir(exist_ok=True)
+    images = growing / "images.npy"
+    if recipe.pictures and not images.is_file():
+        shape = (size, 3, recipe.crop_size, recipe.crop_size)
+        open_memmap(images.with_suffix(".new"), "w+", np.uint8, shape).flush()
+        images.with_suffix(".new").rename(images)
+    chunks = [
+        _Chunk(recipe, growing, start, min(start + CHUNK, size)) for start in range(0, size, CHUNK)
+    ]
+    missing = [chunk for chunk in chunks if not chunk.path.is_file()]
+    began = time.perf_counter()
+    what = "hands" if recipe.pictures else "views"
+    with _progress(f"{size} {recipe.level.name} {recipe.split} {what}", size) as advance:
+        advance(size - sum(chunk.stop - chunk.start for chunk in missing))
+        _render_all(missing, workers, advance)
+    seconds = time.perf_counter() - began
+    rendered = sum(chunk.stop - chunk.start for chunk in missing)
+    _finish(chunks, recipe, {"rendered": rendered, "seconds": seconds, "workers": max(workers, 1)})
+    growing.rename(path)
+
+
+def _render_all(chunks: list[_Chunk], workers: int, advance: Callable[[int], None]) -> None:
+    """Every chunk, in this process or in several new ones."""
+    if workers <= 1:
+        for chunk in chunks:
+            advance(_render_chunk(chunk))
+        return
+    with single_threaded_processes(min(workers, max(len(chunks), 1))) as pool:
+        waiting: set[Future[int]] = {pool.submit(_render_chunk, chunk) for chunk in chunks}
+        while waiting:
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                advance(future.result())
+
+
+def _render_chunk(chunk: _Chunk) -> int:
+    """Render a chunk into the store; returns how many pictures that was."""
+    indices = range(chunk.start, chunk.stop)
+    hands: list[SyntheticView] = []
+    if chunk.recipe.pictures:
+        images = np.load(chunk.folder / "images.npy", mmap_mode="r+")
+        for index in indices:
+            hand = synthetic_hand(chunk.recipe, index)
+            images[index] = hand.image.transpose(2, 0, 1)
+            hands.append(hand)
+        images.flush()
+    else:
+        hands += [synthetic_view(chunk.recipe, index) for index in indices]
+    unfinished = chunk.path.with_suffix(f".{os.getpid()}")
+    with unfinished.open("wb") as stream:
+        _save(stream, {name: _column(hands, name) for name in COLUMNS})
+    unfinished.rename(chunk.path)
+    return chunk.stop - chunk.start
+
+
+def _save(stream: BinaryIO, columns: dict[str, np.ndarray]) -> None:
+    np.savez(stream, allow_pickle=False, **columns)
+
+
+def _column(hands: list[SyntheticView], name: str) -> np.ndarray:
+    values = np.stack([getattr(hand, name) for hand in hands])
+    return values if values.dtype == bool else values.astype(np.float32)
+
+
+def _finish(chunks: list[_Chunk], recipe: Recipe, work: dict[str, float]) -> None:
+    """Join the labels, write the manifest, remove what the build left behind."""
+    folder = chunks[0].folder
+    pieces = []
+    for chunk in chunks:
+        with np.load(chunk.path) as archive:
+            pieces.append({name: archive[name] for name in COLUMNS})
+    joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in COLUMNS}
+    with (folder / "labels.npz").open("wb") as stream:
+        _save(stream, joined)
+    rate = work["rendered"] / max(work["seconds"], 1e-9)
+    manifest = {
+        "recipe": asdict(recipe),
+        "size": chunks[-1].stop,
+        "fingerprint": fingerprint(recipe, chunks[-1].stop),
+        "images_per_second": round(rate, 1),
+        **work,
+        "versions": {
+            name: version(name) for name in ("numpy", "embreex", "opencv-python-headless")
+        },
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=2), encoding="utf-8")
+    for leftover in folder.glob("chunk_*"):
+        leftover.unlink()
+    if work["rendered"]:
+        Console(stderr=True).print(
+            f"Rendered {work['rendered']} hands in {work['seconds']:.0f} s ({rate:.0f} images/s)."
+        )
+
+
+@contextmanager
+def _progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on a terminal, a line for every tenth elsewhere."""
+    console = Console(stderr=True)
+    if console.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, TimeRemainingColumn(), console=console) as bar:
+            task = bar.add_task(f"Rendering {what}", total=total)
+            yield lambda count: bar.advance(task, count)
+        return
+    done, began = 0, time.perf_counter()
+    console.print(f"Rendering {what} (once; kept in the cache) …")
+
+    def advance(count: int) -> None:
+        nonlocal done
+        before, done = done, done + count
+        if done * 10 // total > before * 10 // total:
+            seconds = time.perf_counter() - began
+            console.print(f"  {done}/{total} after {seconds:.0f} s")
+
+    yield advance

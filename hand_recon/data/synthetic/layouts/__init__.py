@@ -1,1 +1,0 @@
-"""Synthetic hands written as the published datasets lie on disk: to rehearse with, and to test with."""

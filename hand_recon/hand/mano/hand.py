@@ -1,0 +1,204 @@
+"""MANO as a hand of this project: the same joint angles, anatomical neutral and records as the open hand.
+
+MANO (Romero et al., SIGGRAPH Asia 2017) needs its makers' licence; `mano_store.py` says how its file gets
+here. Its rest pose is flat and spread: the axes and where that pose stands about them come from its own
+skeleton, by the same function as the open hand's.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.hand.anatomical_axes import ORDER, axes_at_rest
+from hand_recon.hand.mano.store import (
+    ManoArrays,
+    ManoFile,
+    Side,
+    file_name,
+    left_shape_of,
+    read_file,
+    read_mano,
+)
+from hand_recon.hand.model import HandAsset, HandModel
+from hand_recon.hand.skeleton import FINGERS, LANDMARK_OF_JOINT, TIPS
+
+TIP_VERTICES: Final[dict[str, tuple[int, int, int, int, int]]] = {
+    "freihand": (744, 320, 443, 555, 672),
+    "dexycb": (745, 317, 444, 556, 673),
+    "ho3d": (744, 333, 444, 555, 672),
+    "smplx": (744, 320, 443, 554, 671),
+}
+"""Vertices at which each dataset puts the fingertips, thumb first.
+
+Sources, facts alone: lmb-freiburg/freihand `mano_utils.py`, manopth's `manolayer.py` (which labelled DexYCB),
+shreyashampali/ho3d, smplx's `vertex_ids.py` (also HaMeR's).
+"""
+
+DEXYCB_LEFT_MIDDLE_TIP: Final = 445
+"""Manopth's left hand has the middle fingertip at another vertex than its right hand."""
+
+REGRESSED: Final = ("freihand",)
+"""Sets whose joints follow the posed surface, as FreiHAND's labels do; the others have rotation centres."""
+
+ALIASES: Final = {"mano": "freihand"}
+"""Other names of sets."""
+
+
+JUDGED: Final = 100
+"""Hands by which a dataset's numbering of vertices is judged."""
+
+
+def follows_mano(
+    vertices: Float[np.ndarray, "hand vertex 3"],
+    landmarks: Float[np.ndarray, "hand landmark=21 3"],
+    landmark_set: str,
+) -> bool:
+    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips.
+
+    Args:
+        vertices: Of a dataset, metres; the first `JUDGED` hands are looked at.
+        landmarks: Of the same hands, in the same frame.
+        landmark_set: The dataset's, a key of `TIP_VERTICES`.
+    """
+    if vertices.shape[1] != 778:
+        return False
+    tips = np.asarray(vertices[:JUDGED, list(TIP_VERTICES[landmark_set])])
+    # The median: one badly fitted hand does not make the numbering another.
+    return bool(np.median(np.abs(tips - landmarks[:JUDGED, list(TIPS)])) < 1e-3)
+
+
+def mano_hand(path: Path | str, landmarks: str = "mano") -> HandModel:
+    """The right hand of MANO.
+
+    Args:
+        path: The folder that `hand_recon.prepare mano` filled, or the file in it.
+        landmarks: `mano` (which is `freihand`), `dexycb`, `ho3d` or `smplx`.
+
+    Raises:
+        FileNotFoundError: MANO is not there.
+        ValueError: The file is not of this project, or there is no such landmark set.
+    """
+    return HandModel(load_mano(path), landmarks)
+
+
+def load_mano(
+    path: Path | str,
+    side: Side = "right",
+    fix_left_shape: bool = True,
+    dtype: torch.dtype = torch.float32,
+) -> HandAsset:
+    """Read MANO into what a `HandModel` is made of.
+
+    Args:
+        path: The folder that `hand_recon.prepare mano` filled, or the file in it.
+        side: Which hand. A left one points its fingers to +x.
+        fix_left_shape: Mirror the left hand's shape directions, so that one shape means the same on
+            both hands. The release forgot to, and DexYCB is labelled without (dex-ycb-toolkit issue 28).
+        dtype: Precision of the arrays; the file has double.
+
+    Raises:
+        FileNotFoundError: MANO is not there.
+        ValueError: The file is not of this project, or of the other hand.
+    """
+    return asset_of(with_left_shape(read_mano(path, side), path, fix_left_shape), dtype)
+
+
+def with_left_shape(file: ManoFile, path: Path | str, fixed: bool) -> ManoFile:
+    """The same hand with the shape directions of the release, or with mended ones.
+
+    Args:
+        file: Right hands come back as they are.
+        path: Where the file is from. Its folder's right hand tells what the file's directions are, if
+            that was not known yet; without one they are taken for the release's.
+        fixed: Whether they shall be mended.
+    """
+    if file.side == "right":
+        return file
+    state = file.left_shape
+    beside = Path(path).expanduser()
+    right = (beside if beside.is_dir() else beside.parent) / file_name("right")
+    if state == "unknown" and right.is_file():
+        state = left_shape_of(file.arrays, read_file(right).arrays)
+    if (state == "corrected") == fixed:
+        return file
+    values = dict(vars(file.arrays))
+    values["shape_directions"] = file.arrays.shape_directions * np.array([[-1.0], [1.0], [1.0]])
+    return ManoFile(
+        ManoArrays(**values), file.side, file.source_sha256, "corrected" if fixed else "released"
+    )
+
+
+def asset_of(file: ManoFile, dtype: torch.dtype = torch.float32) -> HandAsset:
+    """A hand of MANO in the form that all hands have."""
+    arrays = file.arrays
+    joints = arrays.joint_regressor @ arrays.template
+    tips = arrays.template[list(TIP_VERTICES["freihand"])]
+    frames, rest_angles = _axes(joints, tips, file.side)
+
+    def tensor(array: Float[np.ndarray, "..."]) -> Tensor:
+        return torch.from_numpy(np.array(array)).to(dtype)
+
+    names = [*TIP_VERTICES, *ALIASES]
+    return HandAsset(
+        name="mano" if file.side == "right" else "mano left",
+        template=tensor(arrays.template),
+        shape_directions=tensor(arrays.shape_directions),
+        joints=tensor(joints),
+        joint_shape_directions=tensor(
+            np.einsum("jv,vxs->jxs", arrays.joint_regressor, arrays.shape_directions)
+        ),
+        skinning_weights=tensor(arrays.skinning_weights),
+        faces=torch.from_numpy(np.array(arrays.faces)).long(),
+        wrist_ring=torch.from_numpy(np.array(arrays.wrist_ring)).long(),
+        frames=tensor(frames),
+        rest_angles=tensor(rest_angles),
+        landmark_regressors={name: tensor(_landmarks(arrays, name, file.side)) for name in names},
+        pose_directions=tensor(arrays.pose_directions),
+    )
+
+
+def tip_vertices(landmarks: str, side: Side) -> tuple[int, ...]:
+    """The fingertips' vertices in a landmark set, thumb first."""
+    tips = TIP_VERTICES[ALIASES.get(landmarks, landmarks)]
+    if landmarks == "dexycb" and side == "left":
+        return (*tips[:2], DEXYCB_LEFT_MIDDLE_TIP, *tips[3:])
+    return tips
+
+
+def _landmarks(
+    arrays: ManoArrays, landmarks: str, side: Side
+) -> Float[np.ndarray, "landmark=21 point"]:
+    """Weights over the vertices followed by the rotation centres."""
+    count = len(arrays.template)
+    regressor = np.zeros((21, count + 16))
+    for joint, landmark in enumerate(LANDMARK_OF_JOINT):
+        if ALIASES.get(landmarks, landmarks) in REGRESSED:
+            regressor[landmark, :count] = arrays.joint_regressor[joint]
+        else:
+            regressor[landmark, count + joint] = 1.0
+    for landmark, vertex in zip(TIPS, tip_vertices(landmarks, side), strict=True):
+        regressor[landmark, vertex] = 1.0
+    return regressor
+
+
+def _axes(
+    joints: Float[np.ndarray, "joint=16 3"], tips: Float[np.ndarray, "finger=5 3"], side: Side
+) -> tuple[Float[np.ndarray, "joint=15 3 3"], Float[np.ndarray, "joint=15 axis=3"]]:
+    """Axes and rest angles; a left hand's are those of its mirror image, with mirrored axes.
+
+    A mirrored frame is left-handed; turning its bend axis round makes it right-handed again. Then bend
+    means the same on both hands, and splay and twist change their sign.
+    """
+    by_joints = tips[[FINGERS.index(finger) for finger in ORDER]]
+    if side == "right":
+        return axes_at_rest(joints, by_joints)
+    mirror = np.array([-1.0, 1.0, 1.0])
+    frames, rest_angles = axes_at_rest(joints * mirror, by_joints * mirror)
+    return (
+        mirror[:, None] * frames * np.array([1.0, 1.0, -1.0]),
+        rest_angles * np.array([1.0, -1.0, -1.0]),
+    )

@@ -1,0 +1,1 @@
+"""Checks of a file of predictions for mistakes in order, unit, axes, side and sequence."""

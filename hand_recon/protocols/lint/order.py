@@ -1,0 +1,211 @@
+"""Are the landmarks in another order, and do the frames come in another order?"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS, landmark_permutation
+from hand_recon.protocols.benchmarks import Protocol
+from hand_recon.protocols.lint.evidence import (
+    Hands,
+    Suspicion,
+    certainty,
+    clearly_better,
+    shape_error,
+    sizes,
+    spread_evenly,
+)
+
+ORDER_GAIN: Final = 0.1
+"""Least share of the error: two swapped fingertips are a quarter of it for a good method."""
+
+FRAME_GAIN: Final = 0.25
+"""Least share of the error that another order of frames takes away."""
+
+PROBES: Final = 200
+"""Predictions whose ground truth is searched for among all frames."""
+
+FEWEST_PROBES: Final = 32
+"""Below so many, chance may put each prediction among the worst for its own frame."""
+
+ONE_FORM: Final = 1e-3
+"""Difference of lengths, over the hand's size, below which two hands have one form."""
+
+BY_CHANCE: Final = 0.45
+"""Mean share of frames that fit better than a prediction's own; ½ where it has nothing to do with it."""
+
+SAME_HAND: Final = 0.28
+"""How near a shuffled prediction is to its hand, over its distance from the hand that it is beside: 0.22 with
+errors of 2 mm, and 0.31 for the nearest of 4,000 unrelated hands."""
+
+DISTINCT: Final = 0.8
+"""Share of shuffled predictions with a nearest hand of their own: 0.95 and more; 0.5 for unrelated ones."""
+
+NAMES: Final = {
+    "freihand": "FreiHAND's order (OpenPose's)",
+    "ho3d": "HO3D's order",
+    "known_hand": "KNOWN-Hand's order (MANO's joints, then the tips of thumb, index, middle, little, ring)",
+    "dart": "DART's order (MANO's joints, then the tips of index, middle, little, ring, thumb)",
+    "rhd": "RHD's order (each finger from tip to base)",
+    "interhand": "InterHand2.6M's order (each finger from tip to base, wrist last)",
+}
+"""How messages call the orders of `LANDMARK_ORDERS`."""
+
+_MIRROR: Final = (-1.0, 1.0, 1.0)
+
+
+def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
+    """Read the landmarks in every order that is in use, as right and as left hands.
+
+    Returns:
+        The hands in the order that fits, and what to tell.
+    """
+    now = _either_hand(hands.truth, hands.prediction)
+    own = LANDMARK_ORDERS[protocol.order]
+    best: tuple[Tensor, tuple[str, ...], str] | None = None
+    for names, label in _candidates(protocol.order):
+        error = _either_hand(hands.truth, hands.prediction[:, _indices(own, names)])
+        if best is None or error.mean() < best[0].mean():
+            best = error, names, label
+    if best is None or not clearly_better(now, best[0], ORDER_GAIN):
+        return hands, None
+    error, names, label = best
+    mended = replace(hands, prediction=hands.prediction[:, _indices(own, names)])
+    index = [names.index(name) for name in own]
+    return mended, Suspicion(
+        "order",
+        f"Your landmarks look to be {label}",
+        f"reorder them by landmarks[{index}]",
+        confidence=certainty(now, error),
+    )
+
+
+def _either_hand(truth: Tensor, prediction: Tensor) -> Tensor:
+    """The shape error of whichever of the hands and their mirror images fit better on the whole."""
+    plain = shape_error(truth, prediction)
+    mirrored = shape_error(truth, prediction * prediction.new_tensor(_MIRROR))
+    return plain if plain.mean() <= mirrored.mean() else mirrored
+
+
+def _indices(own: tuple[str, ...], names: tuple[str, ...]) -> list[int]:
+    """What takes landmarks that were read in one's own order to how they are, if `names` is the file's."""
+    return [LANDMARKS.index(own[names.index(name)]) for name in LANDMARKS]
+
+
+def _candidates(own: str) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Every other order of a file with what to call it, the usual ones first, each once."""
+    seen = {LANDMARK_ORDERS[own]}
+    for names, label in _all_orders(own):
+        if names not in seen:
+            seen.add(names)
+            yield names, label
+
+
+def _all_orders(own: str) -> Iterator[tuple[tuple[str, ...], str]]:
+    others = [name for name in LANDMARK_ORDERS if name != own]
+    for name in others:
+        yield LANDMARK_ORDERS[name], f"in {NAMES[name]}"
+    yield (*LANDMARKS[1:], "wrist"), "in FreiHAND's order with the wrist last and not first"
+    fingers = tuple(name for first in (17, 13, 9, 5, 1) for name in LANDMARKS[first : first + 4])
+    yield ("wrist", *fingers), "in FreiHAND's order with the little finger first, the thumb last"
+    for name in others:
+        once, back = landmark_permutation(name, own), landmark_permutation(own, name)
+        label = f"reordered from {NAMES[name]} to {NAMES[own]}"
+        yield tuple(LANDMARK_ORDERS[own][place] for place in once), f"{label} once too often"
+        yield tuple(LANDMARK_ORDERS[name][place] for place in back), f"{label} by the inverse map"
+
+
+def wrong_frames(hands: Hands, all_truth: Tensor) -> tuple[Hands, Suspicion | None]:
+    """Do the predictions fit the frames better when these are shifted, reversed, sorted or shuffled?
+
+    Args:
+        hands: As many evenly spread frames as are looked at, their landmarks in order.
+        all_truth: The ground truth of all frames.
+    """
+    count = len(all_truth)
+    place = spread_evenly(count, max(1, len(hands.truth)))
+    now = _either_hand(hands.truth, hands.prediction)
+    best: tuple[Tensor, Tensor, str] | None = None
+    for other, label in _other_frames(place, count):
+        inside = (other >= 0) & (other < count)
+        error = _either_hand(all_truth[other.clamp(0, count - 1)], hands.prediction)
+        error = torch.where(inside, error, now)
+        if best is None or error.mean() < best[0].mean():
+            best = error, other.clamp(0, count - 1), label
+    if best is not None and clearly_better(now, best[0], FRAME_GAIN):
+        error, other, label = best
+        return Hands(all_truth[other], hands.prediction), Suspicion(
+            "frame_order",
+            f"Your frames look to be {label}",
+            "write them in the order of the ground truth",
+            confidence=certainty(now, error),
+        )
+    return _shuffled(hands, all_truth, place)
+
+
+def _other_frames(place: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
+    """Which frame each prediction would be of, and what that would mean."""
+    yield place + 1, "shifted: each prediction is of the next frame, the first one's is missing"
+    yield (
+        place - 1,
+        "shifted: each prediction is of the frame before, the first one is one too many",
+    )
+    yield count - 1 - place, "in reverse"
+    as_text = torch.tensor(sorted(range(count), key=str))
+    yield as_text[place], "sorted as text (1, 10, 100, 2, ...)"
+    yield as_text.argsort()[place], "sorted by number where the ground truth is sorted as text"
+
+
+def _shuffled(hands: Hands, all_truth: Tensor, place: Tensor) -> tuple[Hands, Suspicion | None]:
+    probe = spread_evenly(len(place), PROBES)
+    forms = _descriptor(hands.prediction[probe])
+    # One form for all frames, turned or not, fits its own no better than any other.
+    if len(probe) < FEWEST_PROBES or float((forms - forms[:1]).abs().amax()) < ONE_FORM:
+        return hands, None
+    distance = torch.cdist(forms, _descriptor(all_truth))
+    own = distance[torch.arange(len(probe)), place[probe]]
+    nearest, match = distance.min(dim=1)
+    if float((distance < own[:, None]).double().mean()) < BY_CHANCE:
+        return hands, None
+    same_hand = float((nearest / own.clamp(min=1e-12)).median()) < SAME_HAND
+    if not same_hand or len(match.unique()) < DISTINCT * len(probe):
+        return hands, Suspicion(
+            "unrelated",
+            "By their form, your predictions fit their own frames no better than any other frame: they are "
+            "shuffled, or of another test set, or the method does not see its picture",
+            confidence="note",
+        )
+    moved = int((match != place[probe]).nonzero()[0, 0])
+    return Hands(all_truth[match], hands.prediction[probe]), Suspicion(
+        "frame_order",
+        "Your frames look to be shuffled: prediction "
+        f"{int(place[probe][moved])} fits the ground truth of frame {int(match[moved])}",
+        "write them in the order of the ground truth",
+    )
+
+
+def _descriptor(points: Float[Tensor, "hand landmark=21 3"]) -> Float[Tensor, "hand pair"]:
+    """Distances between landmarks over the hand's size: the form, whatever its place, turn and side."""
+    first, second = torch.triu_indices(21, 21, offset=1)
+    lengths = torch.linalg.vector_norm(points[:, first] - points[:, second], dim=-1)
+    return lengths / sizes(points).clamp(min=1e-12)[:, None]
+
+
+def repeated_frames(
+    truth: Float[Tensor, "hand landmark=21 3"], prediction: Float[Tensor, "hand landmark=21 3"]
+) -> Suspicion | None:
+    """Are many predictions copies of the one before, though their hands differ?"""
+    same = (prediction[1:] == prediction[:-1]).flatten(1).all(dim=1)
+    same &= (truth[1:] != truth[:-1]).flatten(1).any(dim=1)
+    rows: Int[Tensor, " row"] = same.nonzero()[:, 0]
+    if len(rows) < max(2, len(truth) / 100):
+        return None
+    return Suspicion(
+        "repeated",
+        f"{len(rows)} of your {len(prediction)} predictions are copies of the one before, the first at "
+        f"frame {int(rows[0]) + 1}. Look for a loop that writes an old result, or a batch not filled",
+    )

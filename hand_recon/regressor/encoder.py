@@ -1,0 +1,23 @@
+"""What the regressor asks of every encoder (Sec. 4.1)."""
+
+from abc import ABC, abstractmethod
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from hand_recon.schema import HandBatch
+
+
+class Encoder(nn.Module, ABC):
+    """What the regressor asks of every encoder."""
+
+    feature_size: int
+    """Number of features."""
+
+    def shown(self, batch: HandBatch) -> HandBatch:
+        """The batch as the network may see it."""
+        return batch
+
+    @abstractmethod
+    def forward(self, batch: HandBatch) -> Float[Tensor, "batch feature"]:
+        """Features of every hand of a batch."""

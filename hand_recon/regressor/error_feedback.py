@@ -1,0 +1,208 @@
+"""The regressor: features, then error feedback to pose, shape, camera and σ (Sec. 3, 4.1)."""
+
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from hand_recon.camera import (
+    REFERENCE_SIZE,
+    bounded_log_scale,
+    default_intrinsics,
+    project,
+    raw_to_translation,
+    six_d_to_rotation,
+    to_true_camera,
+)
+from hand_recon.hand.model import HandModel
+from hand_recon.regressor.encoder import Encoder
+from hand_recon.schema import HandBatch, HandParameters, HandPrediction
+from hand_recon.uncertainty import soft_bound
+
+_SIZES: Final = {"joint_angles": 45, "root": 6, "camera": 3, "shape": 10, "log_sigma": 42}
+STATE_SIZE: Final = sum(_SIZES.values())
+"""Numbers that the regressor refines: 45 + 6 + 3 + 10 + 42, and 21 more with correlations."""
+
+_LOG_SIGMA: Final = slice(STATE_SIZE - _SIZES["log_sigma"], STATE_SIZE)
+"""Where log σ stands in the state."""
+
+_FED_BACK: Final = STATE_SIZE - _SIZES["log_sigma"]
+"""How much of the state a round sees: pose, root, camera and shape."""
+
+_FEEDBACK_UNIT: Final = 20.0
+"""Pixels of a 224-pixel crop: of the size of a first answer's errors."""
+
+_FEEDBACK_LIMIT: Final = 10.0
+"""An answer that is farther off is off; how far would only drown everything else."""
+
+
+class Regressor(nn.Module):
+    """Features → pose, shape, camera and log σ by three rounds of error feedback (Sec. 4.1).
+
+    As in the authors' network, each round sees the features and its own last answer and predicts a correction
+    through two linear layers. Unlike there, log σ is not part of what is fed back: the squared error of the
+    first stage would use it as a memory, and leave values that no likelihood can start from
+    (`docs/decisions.md`). Where landmarks are the input, a round can also see
+    how far its last answer projects from them: error feedback in the words' first sense (Carreira et al.,
+    CVPR 2016), which an image does not allow.
+
+    Args:
+        encoder: Features of the input.
+        hand: The hand model that turns the answer into a mesh.
+        iterations: Rounds of feedback.
+        width: Size of the two hidden layers.
+        dropout: After each hidden layer.
+        activation: Whether the hidden layers are non-linear; the authors' are not.
+        use_intrinsics: Place the hand in the camera that the batch knows, where it knows one, in
+            place of the constant focal length of Sec. 3.1.
+        reprojection: Show each round the projection error of the last one: for 2D landmarks as input.
+        correlated: Also predict how a landmark's two errors go together, for a full covariance.
+    """
+
+    initial_state: Tensor
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        hand: HandModel,
+        *,
+        iterations: int = 3,
+        width: int = 1024,
+        dropout: float = 0.5,
+        activation: bool = False,
+        use_intrinsics: bool = False,
+        reprojection: bool = False,
+        correlated: bool = False,
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.hand = hand
+        self.iterations = iterations
+        self.use_intrinsics = use_intrinsics
+        # Without its surface a hand is posed several times faster, and rounds need none.
+        self.skeleton = hand.of_landmarks() if reprojection else None
+        self.sizes = _SIZES | ({"correlation": 21} if correlated else {})
+        initial = _initial_state()
+        if correlated:
+            initial = torch.cat([initial, torch.zeros(21)])
+        self.regressor = nn.Sequential(
+            nn.Linear(encoder.feature_size + _FED_BACK + (42 if reprojection else 0), width),
+            nn.ReLU() if activation else nn.Identity(),
+            nn.Dropout(dropout),
+            nn.Linear(width, width),
+            nn.ReLU() if activation else nn.Identity(),
+            nn.Dropout(dropout),
+        )
+        self.decoders = nn.ModuleDict(
+            {name: nn.Linear(width, size) for name, size in self.sizes.items()}
+        )
+        for name, parameter in self.decoders.named_parameters():
+            # σ and its correlation stay at their start, the same for every hand, until a likelihood trains
+            # them: what an untrained σ drifts to would be noise at the switch.
+            if name.endswith("weight") and not name.startswith(("log_sigma", "correlation")):
+                nn.init.xavier_uniform_(parameter, gain=0.01)
+            else:
+                nn.init.zeros_(parameter)
+        self.register_buffer("initial_state", initial)
+
+    def forward(self, batch: HandBatch) -> HandPrediction:
+        """Reconstruct the hand in each crop.
+
+        Args:
+            batch: With its pictures as floats 0–1. Labels, where it has any, are looked at by an encoder
+                of landmarks alone.
+        """
+        shown = self.encoder.shown(batch)
+        features = self.encoder(shown)
+        # Rotations and projections lose their meaning in half precision, so only the backbone has it.
+        with torch.autocast(device_type=features.device.type, enabled=False):
+            state = self._feedback(features.float(), shown)
+            return self._reconstruct(state, batch.crop_size, batch.intrinsics)
+
+    @torch.no_grad()
+    def shift_log_sigma(self, by: Float[Tensor, "landmark=21 2"]) -> None:
+        """Move where log σ starts from, and with it every prediction of it, before the bounds."""
+        self.initial_state[_LOG_SIGMA] += by.flatten().to(self.initial_state)
+
+    def _feedback(self, features: Tensor, shown: HandBatch) -> Tensor:
+        state = self.initial_state.expand(len(features), -1)
+        for _ in range(self.iterations):
+            seen = [features, state[:, :_FED_BACK]]
+            if self.skeleton is not None:
+                seen.append(self._reprojection_error(self.skeleton, state, shown))
+            hidden = self.regressor(torch.cat(seen, dim=-1))
+            correction = torch.cat([decoder(hidden) for decoder in self.decoders.values()], dim=-1)
+            state = self._orthonormal(state + correction)
+        return state
+
+    def _orthonormal(self, state: Tensor) -> Tensor:
+        """The same answer, with the two columns of its rotation orthonormal again.
+
+        Their lengths mean nothing, and yet decide how far the next round's correction turns the hand
+        (`docs/decisions.md`).
+        """
+        parts = self._parts(state)
+        parts["root"] = six_d_to_rotation(parts["root"])[..., :2].mT.flatten(-2)
+        return torch.cat(list(parts.values()), dim=-1)
+
+    def _reprojection_error(
+        self, skeleton: HandModel, state: Tensor, shown: HandBatch
+    ) -> Float[Tensor, "batch coordinate=42"]:
+        """Projection minus landmark, in units of `_FEEDBACK_UNIT`, zero where no landmark is shown."""
+        parameters, camera = self._placed(state, shown.crop_size, shown.intrinsics)
+        error = project(skeleton.place(parameters).landmarks, camera) - shown.landmarks_2d
+        error = error.masked_fill(~shown.labelled[..., None], 0.0)
+        error = error * (REFERENCE_SIZE / shown.crop_size / _FEEDBACK_UNIT)
+        return error.clamp(-_FEEDBACK_LIMIT, _FEEDBACK_LIMIT).flatten(1)
+
+    def _placed(
+        self, state: Tensor, crop_size: int, intrinsics: Tensor | None
+    ) -> tuple[HandParameters, Float[Tensor, "batch 3 3"]]:
+        """The hand that a state means, and the camera that sees it."""
+        parts = self._parts(state)
+        rotation = six_d_to_rotation(parts["root"])
+        scale = bounded_log_scale(parts["camera"][..., :1])
+        translation = raw_to_translation(torch.cat([scale, parts["camera"][..., 1:]], dim=-1))
+        camera = default_intrinsics(crop_size, state).expand(len(state), 3, 3)
+        if self.use_intrinsics and intrinsics is not None:
+            camera = intrinsics
+            rotation, translation = to_true_camera(rotation, translation, camera, crop_size)
+        joint_angles = parts["joint_angles"].unflatten(-1, (15, 3))
+        return HandParameters(joint_angles, parts["shape"], rotation, translation), camera
+
+    def _reconstruct(
+        self, state: Tensor, crop_size: int, intrinsics: Tensor | None
+    ) -> HandPrediction:
+        parts = self._parts(state)
+        parameters, camera = self._placed(state, crop_size, intrinsics)
+        hand = self.hand.place(parameters)
+        correlation = parts.get("correlation")
+        return HandPrediction(
+            parameters=parameters,
+            vertices=hand.vertices,
+            joints=hand.joints,
+            landmarks_3d=hand.landmarks,
+            landmarks_2d=project(hand.landmarks, camera),
+            log_sigma=soft_bound(parts["log_sigma"].unflatten(-1, (21, 2))),
+            intrinsics=camera,
+            # Short of ±1, where a covariance has no inverse.
+            correlation=None if correlation is None else 0.99 * correlation.tanh(),
+        )
+
+    def _parts(self, state: Tensor) -> dict[str, Tensor]:
+        return dict(zip(self.sizes, state.split(list(self.sizes.values()), dim=-1), strict=True))
+
+
+def _initial_state() -> Float[Tensor, " state"]:
+    """Where the feedback starts: a slightly bent hand, upright, that fills two thirds of the crop.
+
+    The authors' starting values are not public; these follow from the camera (`docs/decisions.md`).
+    """
+    angles = torch.zeros(15, 3)
+    angles[:, 0] = 0.3
+    # Columns of a rotation that points the fingers (−x) up and shows the palm (−y) to the camera.
+    root = torch.tensor([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    camera = torch.tensor([6.7, 0.0, 0.0])
+    log_sigma = torch.full((42,), 1.5)
+    return torch.cat([angles.flatten(), root, camera, torch.zeros(10), log_sigma])

@@ -1,0 +1,1 @@
+"""Rendered hands in the layouts of FreiHAND, DexYCB and HO3D, to rehearse their loaders without the data."""

@@ -1,0 +1,1 @@
+"""Ray casting and shaded meshes, without a display or graphics driver."""

@@ -1,0 +1,101 @@
+"""Shaded pictures of a hand mesh, ray cast: no display and no graphics driver needed."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from hand_recon.rendering.rays import RayScene
+
+_LIGHT: Final = np.array([-0.35, -0.6, -0.72])
+_COLOUR: Final = np.array([120.0, 170.0, 225.0])
+_SUPERSAMPLING: Final = 2
+
+
+@dataclass(frozen=True)
+class Shaded:
+    """A picture of a mesh alone."""
+
+    colour: Float[np.ndarray, "height width 3"]
+    """RGB, 0–255, already multiplied by the coverage."""
+    coverage: Float[np.ndarray, "height width 1"]
+    """How much of each pixel the mesh covers, 0–1."""
+
+    def over(
+        self, background: UInt8[np.ndarray, "height width 3"], opacity: float = 1.0
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """The mesh in front of a picture of the same size."""
+        below = background.astype(np.float64) * (1 - opacity * self.coverage)
+        blended: UInt8[np.ndarray, "height width 3"] = (
+            (below + opacity * self.colour).round().clip(0, 255).astype(np.uint8)
+        )
+        return blended
+
+
+def shade(
+    vertices: Float[np.ndarray, "vertex 3"],
+    faces: Int[np.ndarray, "face 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    size: int,
+) -> Shaded:
+    """What a camera sees of a mesh.
+
+    Args:
+        vertices: Camera frame, metres.
+        faces: Triangles.
+        intrinsics: Camera matrix of a square picture, pixels, pixel i covering [i, i + 1).
+        size: Side of the picture, pixels.
+    """
+    fine = size * _SUPERSAMPLING
+    centres = (np.arange(fine) + 0.5) / _SUPERSAMPLING
+    pixels = np.stack([*np.meshgrid(centres, centres), np.ones((fine, fine))], axis=-1)
+    rays = (pixels @ np.linalg.inv(intrinsics).T).reshape(-1, 3)
+    hits = RayScene(vertices, faces).nearest(np.zeros_like(rays), rays)
+    normals = _vertex_normals(vertices, faces)
+    smooth = np.einsum("hc,hcx->hx", hits.weights, normals[faces[hits.face]])
+    smooth /= np.linalg.norm(smooth, axis=1, keepdims=True).clip(min=1e-12)
+    # Facing the viewer whatever the winding: an open wrist shows its inside.
+    smooth *= np.where((smooth * rays[hits.ray]).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
+    brightness = 0.35 + 0.65 * (smooth @ (_LIGHT / np.linalg.norm(_LIGHT))).clip(min=0)
+    picture = np.zeros((fine * fine, 4))
+    picture[hits.ray, :3] = brightness[:, None] * _COLOUR
+    picture[hits.ray, 3] = 1.0
+    small = cv2.resize(picture.reshape(fine, fine, 4), (size, size), interpolation=cv2.INTER_AREA)
+    return Shaded(small[..., :3], small[..., 3:])
+
+
+def from_the_side(
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], size: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The mesh turned a quarter about the vertical, filling a white picture.
+
+    What a projection hides shows here: a hand can fit its picture from the front and be impossible in
+    depth.
+
+    Args:
+        vertices: Camera frame, metres.
+        faces: Triangles.
+        size: Side of the picture, pixels.
+    """
+    centred = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    turned = centred @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]).T
+    focal, distance = 4.0 * size, 1.0
+    # Over all three axes: a hand seen end-on must not reach the camera.
+    extent = np.abs(turned).max() / 0.45
+    turned = turned / extent * 0.25 + np.array([0.0, 0.0, distance])
+    intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+    white = np.full((size, size, 3), 255, dtype=np.uint8)
+    return shade(turned, faces, intrinsics, size).over(white)
+
+
+def _vertex_normals(
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+) -> Float[np.ndarray, "vertex 3"]:
+    corners = vertices[faces]
+    weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], weighted)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-12)

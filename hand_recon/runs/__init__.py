@@ -1,0 +1,1 @@
+"""Runs: configuration, checkpoints, resuming, results and progress."""

@@ -1,0 +1,129 @@
+"""Checkpoints that carry what it takes to rebuild and to judge them."""
+
+import copy
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import lightning
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from hand_recon.evaluation.scores import HandPoints
+from hand_recon.hand.model import HandModel
+from hand_recon.runs.configuration import build_module
+from hand_recon.training.module import HandReconstruction
+
+CONFIG_KEY: Final = "hand_recon_config"
+"""Where a checkpoint keeps the resolved configuration, as plain data."""
+
+MEAN_POSE_KEY: Final = "hand_recon_mean_pose"
+"""Where a checkpoint keeps the mean training hand: `landmarks` and `vertices`, metres, where known."""
+
+HAND_KEY: Final = "hand_recon_hand"
+"""Where a checkpoint keeps the fingerprint of the hand that it was trained with."""
+
+
+class ConfigInCheckpoint(lightning.Callback):
+    """Writes into every checkpoint what it takes to rebuild and to judge it.
+
+    The resolved configuration; a fingerprint of the hand, since the same weights on another hand are
+    another model; and the mean training hand, the constant predictor that a model is compared with.
+    """
+
+    def __init__(self, config: dict[str, Any], mean_pose: dict[str, torch.Tensor]) -> None:
+        super().__init__()
+        self.config = config
+        self.mean_pose = mean_pose
+
+    def on_save_checkpoint(
+        self,
+        trainer: lightning.Trainer,
+        pl_module: lightning.LightningModule,
+        checkpoint: dict[str, Any],
+    ) -> None:
+        """Add the three."""
+        checkpoint[CONFIG_KEY] = self.config
+        checkpoint[HAND_KEY] = fingerprint(pl_module.regressor.hand)  # type: ignore[union-attr, arg-type]
+        checkpoint[MEAN_POSE_KEY] = self.mean_pose
+
+
+def fingerprint(hand: HandModel) -> str:
+    """What tells one hand's asset from another: a digest of everything but its landmark set."""
+    digest = hashlib.sha256()
+    for name, buffer in sorted(hand.named_buffers()):
+        if name != "landmark_regressor":
+            digest.update(buffer.detach().cpu().contiguous().numpy().tobytes())
+    return f"{hand.name} {digest.hexdigest()[:16]}"
+
+
+def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
+    """A checkpoint's contents and its configuration.
+
+    Args:
+        path: A `.ckpt` file of this project, or the folder of a run (its best checkpoint is taken).
+
+    Raises:
+        FileNotFoundError: There is no such checkpoint.
+        ValueError: The file is not a checkpoint of this project.
+    """
+    path = Path(path).expanduser()
+    file = path / "checkpoints" / "best.ckpt" if path.is_dir() else path
+    if not file.is_file():
+        raise FileNotFoundError(
+            f"No checkpoint at {file}. Give a run's folder, or a file such as "
+            "outputs/train/<time>/checkpoints/best.ckpt."
+        )
+    checkpoint = torch.load(file, map_location="cpu", weights_only=True)
+    if CONFIG_KEY not in checkpoint:
+        raise ValueError(
+            f"{file} has no configuration of hand_recon in it (it has {sorted(checkpoint)}). "
+            "Only checkpoints that hand_recon.train wrote can be read."
+        )
+    return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What a checkpoint holds."""
+
+    module: HandReconstruction
+    """With the trained weights, in evaluation mode."""
+    config: DictConfig
+    """The configuration that it was trained with."""
+    mean_pose: HandPoints | None
+    """The mean training hand; none where the training data have no 3D."""
+
+
+def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
+    """Rebuild what a checkpoint holds; see `read_checkpoint`.
+
+    Args:
+        path: Checkpoint, or folder of a run.
+        landmarks: Landmark set to predict in place of the one that was trained, for data whose
+            annotators put the landmarks elsewhere: the hand is the same.
+
+    Raises:
+        ValueError: The checkpoint was trained with another version of the hand.
+    """
+    checkpoint, config = read_checkpoint(path)
+    if landmarks is not None:
+        config.hand.landmarks = landmarks
+    # The weights are in the checkpoint: nothing may be downloaded for them again.
+    built = copy.deepcopy(config)
+    if "weights" in built.model.encoder:
+        built.model.encoder.weights = "none"
+    # Nor is the prior needed again, so its table may lie on the machine where it was trained.
+    built.prior.ranges = "literature"
+    module = build_module(built)
+    hand = fingerprint(module.regressor.hand)
+    if hand != checkpoint.get(HAND_KEY):
+        raise ValueError(
+            f"{path} was trained with the hand {checkpoint.get(HAND_KEY)!r}, but this version has "
+            f"{hand!r}. Its angles and shapes mean something else here: use the version that it was "
+            "trained with, or train again."
+        )
+    module.load_state_dict(checkpoint["state_dict"], strict=True)
+    points = checkpoint.get(MEAN_POSE_KEY)
+    return Trained(module.eval(), config, HandPoints(**points) if points else None)

@@ -1,0 +1,219 @@
+"""`hand_recon.fit` from a file to a folder, and the test hands of a dataset to their scores."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import DictConfig, open_dict
+
+from hand_recon.camera import project
+from hand_recon.fit import fit
+from hand_recon.hand.model import HandModel
+from tests.runs.test_configuration import composed
+from tests.support.views import known_hands, views
+
+CAMERA = [[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]]
+SMALL = ("descent.steps=30", "results.meshes=1", "results.pictures=1", "threads=1")
+
+
+def asked(output: Path, *overrides: str) -> DictConfig:
+    """`conf/fit.yaml` composed for a folder of ours."""
+    config = composed(*SMALL, *overrides, f"output={output}", name="fit")
+    with open_dict(config):
+        del config["hydra"]
+    return config
+
+
+def seen(hand: HandModel, count: int = 3) -> tuple[torch.Tensor, torch.Tensor]:
+    """Landmarks of right hands before `CAMERA`, and where they are in 3D."""
+    batch = views(hand, known_hands(hand, count))
+    assert batch.landmarks_3d is not None
+    camera = torch.tensor(CAMERA).expand(count, 3, 3)
+    return project(batch.landmarks_3d, camera), batch.landmarks_3d
+
+
+@pytest.fixture
+def landmarks(hand: HandModel, tmp_path: Path) -> Path:
+    """Three hands: all there, one left with landmarks missing, one of too few landmarks."""
+    pixels, _ = seen(hand)
+    pixels[1, :, 0] = 2 * CAMERA[0][2] - pixels[1, :, 0]  # The same hand in a mirror.
+    points: list[list[list[float] | None]] = [
+        [[*point, 0.9] for point in hand_points] for hand_points in pixels.tolist()
+    ]
+    points[1][3] = points[1][8] = None
+    points[2][3:] = [None] * 18
+    entries: list[dict[str, Any]] = [
+        {"name": name, "side": side, "landmarks": given}
+        for name, side, given in zip("abc", ("right", "left", "right"), points, strict=True)
+    ]
+    path = tmp_path / "hands.json"
+    path.write_text(json.dumps(entries))
+    (tmp_path / "K.json").write_text(json.dumps(CAMERA))
+    return path
+
+
+def entries_of(folder: Path) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads((folder / "fit.json").read_text())
+    return found
+
+
+def test_a_file_of_landmarks_becomes_a_folder_of_hands(
+    hand: HandModel, landmarks: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "out"
+    summary = fit(asked(output, f"landmarks={landmarks}", f"intrinsics={tmp_path / 'K.json'}"))
+    assert (summary["hands"], summary["fitted"], summary["left"]) == (3, 2, 1)
+    entries = entries_of(output)
+    assert [entry["name"] for entry in entries] == ["a", "b", "c"]
+    assert [entry["side"] for entry in entries] == ["right", "left", "right"]
+    assert [entry["fitted"] for entry in entries] == [True, True, False]
+    shapes = {"landmarks_3d": (21, 3), "landmarks_2d": (21, 2), "joint_angles_degrees": (15, 3),
+              "shape": (10,)}  # fmt: skip
+    given = json.loads(landmarks.read_text())
+    for entry, source in zip(entries[:2], given, strict=False):
+        for key, shape in shapes.items():
+            assert np.shape(entry[key]) == shape, key
+        assert entry["sigma"] is None  # A fit is told σ and finds none.
+        assert entry["camera"]["known"] is True
+        np.testing.assert_allclose(entry["camera"]["intrinsics"], CAMERA, atol=1e-3)
+        points = np.array(entry["landmarks_3d"])
+        projected = points / points[:, 2:] @ np.array(CAMERA).T
+        np.testing.assert_allclose(projected[:, :2], entry["landmarks_2d"], atol=0.05)
+        assert {"total", "data", "range_of_motion", "non_penetration", "shape"} <= set(
+            entry["loss"]
+        )
+        off = [
+            np.hypot(*np.subtract(found, point[:2]))
+            for found, point in zip(entry["landmarks_2d"], source["landmarks"], strict=True)
+            if point is not None
+        ]
+        assert np.mean(off) == pytest.approx(entry["residual"], abs=0.01)
+        assert np.mean(off) < 12  # Thirty steps.
+    assert entries[2]["landmarks_3d"] is None
+    assert (output / "config.yaml").is_file()
+    assert (output / "fits.png").is_file()
+    assert len(list((output / "meshes").iterdir())) == 1
+    assert len(list((output / "pictures").iterdir())) == 1
+
+
+def test_a_left_hand_is_the_mirror_image_of_a_right_one(hand: HandModel, tmp_path: Path) -> None:
+    # Eighths of pixels, which a mirror leaves exact: descent would make millimetres of a rounding.
+    pixels = (seen(hand, 1)[0] * 8).round() / 8
+    mirrored = pixels.clone()
+    mirrored[..., 0] = 2 * CAMERA[0][2] - pixels[..., 0]
+    found = []
+    for side, points in (("right", pixels), ("left", mirrored)):
+        path = tmp_path / f"{side}.json"
+        path.write_text(json.dumps(points.tolist()))
+        output = tmp_path / f"out_{side}"
+        (tmp_path / "K.json").write_text(json.dumps(CAMERA))
+        fit(asked(output, f"landmarks={path}", f"side={side}", f"intrinsics={tmp_path / 'K.json'}"))
+        found.append(entries_of(output)[0])
+    right, left = (np.array(entry["landmarks_3d"]) for entry in found)
+    np.testing.assert_allclose(left * [-1, 1, 1], right, atol=1e-6)
+    np.testing.assert_allclose(
+        found[0]["joint_angles_degrees"], found[1]["joint_angles_degrees"], atol=1e-3
+    )
+
+
+def test_without_a_camera_one_is_assumed_and_said_to_be(landmarks: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    fit(asked(output, f"landmarks={landmarks}"))
+    entry = entries_of(output)[0]
+    assert entry["camera"]["known"] is False
+    K = np.array(entry["camera"]["intrinsics"])
+    points = np.array(entry["landmarks_3d"])
+    projected = points / points[:, 2:] @ K.T
+    np.testing.assert_allclose(projected[:, :2], entry["landmarks_2d"], atol=0.05)
+
+
+def test_how_sure_the_detector_was_matters(hand: HandModel, tmp_path: Path) -> None:
+    """A wrong tip, believed in or not: the surer the detector, the nearer to what it said."""
+    pixels, _ = seen(hand, 1)
+    wrong = pixels.clone()
+    wrong[0, 8] += torch.tensor([30.0, -30.0])
+    off = []
+    for confidence in (0.9, 0.05):
+        path = tmp_path / f"{confidence}.json"
+        third = torch.full((1, 21, 1), 0.9)
+        third[0, 8] = confidence
+        path.write_text(json.dumps(torch.cat([wrong, third], dim=-1).tolist()))
+        output = tmp_path / f"out_{confidence}"
+        fit(
+            asked(
+                output, f"landmarks={path}", "third=confidence", "data_term=nll", "descent.steps=80"
+            )
+        )
+        tip = entries_of(output)[0]["landmarks_2d"][8]
+        off.append(float(np.hypot(*np.subtract(tip, wrong[0, 8].numpy()))))
+    assert off[1] > off[0] + 5
+
+
+def test_a_folder_with_a_fit_in_it_is_not_written_to(landmarks: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / "fit.json").write_text("[]")
+    with pytest.raises(FileExistsError, match=r"already holds fit\.json"):
+        fit(asked(output, f"landmarks={landmarks}"))
+    assert (output / "fit.json").read_text() == "[]"
+
+
+def test_what_is_to_be_fitted_must_be_said_once(landmarks: Path, tmp_path: Path) -> None:
+    for given in ([], [f"landmarks={landmarks}", "data=views"]):
+        with pytest.raises(ValueError, match=r"What is to be fitted.*not both"):
+            fit(asked(tmp_path / "out", *given))
+    assert not (tmp_path / "out").exists()
+
+
+def test_correlations_are_not_to_be_had(landmarks: Path, tmp_path: Path) -> None:
+    config = asked(tmp_path / "out", f"landmarks={landmarks}", "data_term=full_covariance")
+    with pytest.raises(ValueError, match=r"nobody tells correlations.*mse_then_nll"):
+        fit(config)
+
+
+def test_a_file_in_which_no_hand_was_found_leaves_nulls(tmp_path: Path) -> None:
+    path = tmp_path / "none.json"
+    path.write_text(json.dumps([None, [None] * 21]))
+    summary = fit(asked(tmp_path / "out", f"landmarks={path}"))
+    assert (summary["hands"], summary["fitted"]) == (2, 0)
+    assert [entry["fitted"] for entry in entries_of(tmp_path / "out")] == [False, False]
+
+
+@pytest.fixture(scope="module")
+def scored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("scored")
+    config = asked(
+        folder / "out", "data=views", "hands=6", "descent.steps=60", "data.render_workers=1",
+        f"paths.cache={folder / 'cache'}", "seed=3", "name=views_row5",
+    )  # fmt: skip
+    return folder / "out", fit(config)
+
+
+def test_the_test_hands_of_a_dataset_are_scored(scored: tuple[Path, dict[str, Any]]) -> None:
+    folder, metrics = scored
+    assert json.loads((folder / "metrics.json").read_text()) == metrics
+    assert (metrics["name"], metrics["data"], metrics["test_hands"]) == ("views_row5", "views", 6)
+    assert {"E_J", "E_V", "E_2D", "PR", "ROM"} <= set(metrics["test"])
+    # Sixty steps from noisy landmarks: far better than any constant hand.
+    assert metrics["test"]["E_J"] < 20
+    assert len(entries_of(folder)) == 6
+    with (folder / "per_hand.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert sorted(int(row["index"]) for row in rows) == list(range(6))
+    mean = np.mean([float(row["E_J"]) for row in rows])
+    assert mean == pytest.approx(metrics["test"]["E_J"], rel=1e-4)
+
+
+def test_another_seed_is_other_hands(scored: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder, _ = scored
+    config = asked(
+        tmp_path / "out", "data=views", "hands=6", "descent.steps=2", "data.render_workers=1",
+        f"paths.cache={tmp_path / 'cache'}", "seed=4",
+    )  # fmt: skip
+    fit(config)
+    first, second = (entries_of(where)[0]["landmarks_2d"] for where in (folder, tmp_path / "out"))
+    assert not np.allclose(first, second, atol=20)

@@ -1,0 +1,45 @@
+"""Shaded meshes land where the projection says."""
+
+import numpy as np
+import trimesh
+
+from hand_recon.rendering.mesh import from_the_side, shade
+
+INTRINSICS = np.array([[100.0, 0, 32], [0, 100.0, 32], [0, 0, 1]])
+
+
+def test_a_ball_covers_the_disc_that_it_projects_to() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    vertices = ball.vertices + np.array([0.06, -0.03, 0.6])
+    shaded = shade(vertices, ball.faces, INTRINSICS, 64)
+    rows, columns = np.nonzero(shaded.coverage[..., 0] > 0.5)
+    assert abs(columns.mean() + 0.5 - (32 + 100 * 0.06 / 0.6)) < 0.3
+    assert abs(rows.mean() + 0.5 - (32 - 100 * 0.03 / 0.6)) < 0.3
+    radius = 100 * 0.05 / np.sqrt(0.6**2 - 0.05**2)
+    assert abs(shaded.coverage.sum() / (np.pi * radius**2) - 1) < 0.08
+
+
+def test_what_the_mesh_does_not_cover_keeps_the_background() -> None:
+    ball = trimesh.creation.icosphere(radius=0.02)
+    background = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    shaded = shade(ball.vertices + np.array([0, 0, 0.6]), ball.faces, INTRINSICS, 64)
+    over = shaded.over(background)
+    outside = shaded.coverage[..., 0] == 0
+    assert (over[outside] == background[outside]).all()
+    assert (over[~outside] != background[~outside]).any()
+
+
+def test_from_the_side_depth_becomes_width() -> None:
+    box = trimesh.creation.box(extents=(0.02, 0.05, 0.2))
+    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
+    rows, columns = np.nonzero((picture < 255).any(axis=-1))
+    assert np.ptp(columns) > 3 * np.ptp(rows)
+    assert 50 < np.ptp(columns) <= 64
+
+
+def test_from_the_side_a_mesh_seen_end_on_stays_inside_the_picture() -> None:
+    box = trimesh.creation.box(extents=(0.2, 0.02, 0.02))
+    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
+    border = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (border == 255).all()
+    assert (picture < 255).any()

@@ -1,0 +1,286 @@
+"""The configuration composes, the experiments say what they are, and checkpoints are not trusted."""
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from hand_recon.fitting.descent import Descent
+from hand_recon.fitting.results import ResultOptions
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.open_hand import open_hand
+from hand_recon.hand.skeleton import AXES
+from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from hand_recon.runs.checkpoints import CONFIG_KEY, fingerprint, read_checkpoint
+from hand_recon.runs.configuration import (
+    CONF,
+    TRUSTED,
+    build_data,
+    build_module,
+    claim_folder,
+    folder_name,
+    instantiate,
+)
+from hand_recon.training.module import HandReconstruction
+from hand_recon.uncertainty import (
+    DataTerm,
+    FullCovariance,
+    LaplaceLikelihood,
+    NegativeLogLikelihood,
+    RescaledSquaredError,
+    SquaredError,
+    Staged,
+)
+
+EXPERIMENTS = sorted(
+    path.stem
+    for path in (Path(CONF) / "experiment").glob("*.yaml")
+    # Those of Tables 2 and 3 have tests of their own.
+    if not path.stem.startswith("table")
+)
+
+ROWS = {
+    1: ("mse", 0.0, False, 0.0),
+    2: ("mse", 20_000.0, False, 0.0),
+    3: ("mse", 20_000.0, True, 0.0),
+    4: ("mse", 20_000.0, True, 20_000.0),
+    5: ("mse_then_nll", 20_000.0, True, 20_000.0),
+}
+"""Table 1: data term, λ₁, functional anatomy, λ₂."""
+
+
+def composed(*overrides: str, name: str = "train") -> DictConfig:
+    with initialize_config_dir(CONF, version_base="1.3"):
+        run = [] if name == "fit" else ["paths.run=/nowhere"]
+        config = compose(name, [*overrides, *run], return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+    return config
+
+
+def test_the_defaults_are_the_first_run() -> None:
+    config = composed()
+    assert config.data.level == "easy"
+    assert config.crop_size == config.data.crop_size == 64
+    assert config.prior.range_of_motion == 20_000.0
+
+
+@pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
+def test_the_rows_of_table_1_differ_in_prior_and_data_term_alone(
+    row: int, expected: tuple[str, float, bool, float]
+) -> None:
+    default, config = composed(), composed(f"+experiment=ablation_row{row}")
+    prior = config.prior
+    assert HydraConfig.get().runtime.choices["data_term"] == expected[0]
+    assert prior.shape == 10.0
+    assert prior.range_of_motion == expected[1]
+    assert (prior.functional_anatomy, prior.non_penetration) == expected[2:]
+    for group in ("data", "model", "optimizer", "trainer", "hand"):
+        assert config[group] == default[group], group
+
+
+@pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
+def test_every_row_of_table_1_builds(row: int, expected: tuple[str, float, bool, float]) -> None:
+    module = build_module(composed(f"+experiment=ablation_row{row}"))
+    data_term, range_of_motion, anatomy, non_penetration = expected
+    assert module.data_term.stages == (2 if data_term == "mse_then_nll" else 1)
+    assert module.prior.weights["range_of_motion"] == range_of_motion
+    assert module.prior.weights["non_penetration"] == non_penetration
+    assert module.prior.weights["shape"] == 10.0
+    assert (module.prior.anatomy is not None) == anatomy
+    assert (module.prior.surface is not None) == bool(non_penetration)
+    assert module.supervision is None
+
+
+def small(*overrides: str) -> HandReconstruction:
+    """The module with the smallest backbone, where the backbone is not the point."""
+    return build_module(composed(*overrides, "model.encoder.backbone=mobilenet_v3_small"))
+
+
+GROUPS = ("prior", "data_term", "supervision", "model", "recipe", "data", "optimizer", "logger")
+"""Groups of `conf/train.yaml` with a choice."""
+
+MEMBERS = [
+    (group, path.stem) for group in GROUPS for path in sorted((Path(CONF) / group).glob("*.yaml"))
+]
+
+
+PLACES = {
+    "freihand": ["data.root=/nowhere"],
+    "dexycb": ["data.root=/nowhere"],
+    "ho3d": ["data.root=/nowhere"],
+    "landmarks": ["data.train=/nowhere/labels.json"],
+    "mixture": [
+        "data.parts.freihand.root=/nowhere",
+        "data.parts.landmarks.train=/nowhere/labels.json",
+    ],
+}
+"""What each dataset must be told besides its name."""
+
+
+@pytest.mark.parametrize(("group", "member"), MEMBERS)
+def test_every_member_of_every_group_composes_and_builds(group: str, member: str) -> None:
+    config = composed(f"{group}={member}", *PLACES.get(member, []))
+    if "backbone" in config.model.encoder:
+        # The smallest, and without a download.
+        config.model.encoder.update(backbone="mobilenet_v3_small", weights="none")
+    data = build_data(config)
+    module = build_module(config)
+    assert module.regressor.hand.landmarks == data.landmarks
+
+
+@pytest.mark.parametrize(
+    ("member", "kind", "needs"),
+    [
+        ("mse", SquaredError, False),
+        ("nll", NegativeLogLikelihood, False),
+        ("mse_then_nll", NegativeLogLikelihood, False),
+        ("beta_nll", NegativeLogLikelihood, False),
+        ("laplace", LaplaceLikelihood, False),
+        ("mse_rescaled", RescaledSquaredError, False),
+        ("full_covariance", FullCovariance, True),
+    ],
+)
+def test_a_data_term_is_what_its_name_says_and_gets_the_regressor_that_it_needs(
+    member: str, kind: type[DataTerm], *, needs: bool
+) -> None:
+    module = small(f"data_term={member}")
+    last = module.data_term.second if isinstance(module.data_term, Staged) else module.data_term
+    assert type(last) is kind
+    assert module.data_term.needs_correlation == needs
+    assert ("correlation" in module.regressor.sizes) == needs
+    if member == "beta_nll":
+        assert isinstance(last, NegativeLogLikelihood)
+        assert last.beta == 0.5
+
+
+def test_the_priors_to_compare_with_are_what_they_say() -> None:
+    weights = {
+        name: small(f"prior={name}").prior.weights for name in ("none", "pca_mean", "ranges_only")
+    }
+    assert (weights["none"]["range_of_motion"], weights["none"]["pose_components"]) == (0, 0)
+    assert weights["pca_mean"] == weights["none"] | {"pose_components": 10.0}
+    prior = small("prior=ranges_only").prior
+    assert prior.upper[:, AXES.index("twist")].isinf().all()
+    assert prior.upper[:, AXES.index("bend")].isfinite().all()
+
+
+def test_3d_labels_are_used_only_where_they_are_asked_for() -> None:
+    assert small().supervision is None
+    supervision = small("supervision=landmarks_3d", "supervision.fraction=0.1").supervision
+    assert supervision is not None
+    assert (supervision.fraction, supervision.weight) == (0.1, 500_000.0)
+
+
+def test_a_fused_step_is_for_full_precision_alone() -> None:
+    """Lightning refuses to clip gradients for it in mixed precision."""
+    assert composed("recipe=lifter").optimizer.fused is True
+    mixed = composed("recipe=lifter", "trainer.precision=bf16-mixed")
+    assert mixed.trainer.gradient_clip_val == 300_000
+    assert mixed.optimizer.fused is False
+
+
+def test_the_lifter_sees_landmarks_without_pictures() -> None:
+    config = composed("recipe=lifter")
+    module = build_module(config)
+    assert isinstance(module.regressor.encoder, LandmarkEncoder)
+    assert module.regressor.skeleton is not None
+    data = build_data(config)
+    assert (data.name, data.landmarks, data.augmentation) == ("views", "knuckle", None)
+
+
+def test_what_fit_can_be_told_composes() -> None:
+    for data in (None, "views"):
+        for prior in (path.stem for path in (Path(CONF) / "prior").glob("*.yaml")):
+            chosen = [f"prior={prior}", *([] if data is None else [f"data={data}"])]
+            config = composed(*chosen, name="fit")
+            assert instantiate(config.descent) == Descent()
+            assert instantiate(config.results) == ResultOptions()
+            assert (config.get("data") is None) == (data is None)
+
+
+def test_the_paper_recipe_has_the_settings_of_section_4_1() -> None:
+    config = composed("recipe=paper", "data=freihand", "data.root=/nowhere")
+    assert config.model.encoder.backbone == "resnet50"
+    assert config.model.encoder.weights == "imagenet"
+    assert (config.crop_size, config.data.batch_size, config.trainer.max_epochs) == (224, 64, 200)
+    assert config.optimizer._target_ == "torch.optim.Adam"
+    assert (config.optimizer.lr, config.optimizer.weight_decay) == (1e-5, 1e-4)
+    assert config.optimizer.schedule is None
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_experiment_composes_and_builds_its_data(experiment: str) -> None:
+    assert build_data(composed(f"+experiment={experiment}")).crop_size == 64
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_the_rows_of_table_1_go_with_freihand_too(row: int) -> None:
+    config = composed(f"+experiment=ablation_row{row}", "data=freihand", "data.root=/nowhere")
+    assert build_data(config).name == "freihand"
+
+
+def test_a_dataset_without_its_folder_is_refused_with_the_cure() -> None:
+    with pytest.raises(ValueError, match=r"data.root=/path.*data/README.md"):
+        build_data(composed("data=freihand"))
+
+
+def test_long_overrides_make_short_names_that_differ() -> None:
+    assert folder_name("+experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
+    long = ",".join(f"some.key{number}=some/value" for number in range(40))
+    names = {folder_name(long), folder_name(long + ",seed=1"), folder_name(long + ",seed=2")}
+    assert len(names) == 3
+    assert all(len(name.encode()) <= 200 and "/" not in name for name in names)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"outer": [{"_target_": "os.system", "command": "true"}]},
+        {"_target_": "torch.utils.collect_env.run", "command": "true"},
+        {"part": "${elsewhere}", "elsewhere": {"_target_": "os.system", "command": "true"}},
+    ],
+)
+def test_a_target_from_elsewhere_is_not_called(config: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="not among the targets"):
+        instantiate(OmegaConf.create(config))
+
+
+def test_every_target_of_the_configuration_may_be_called() -> None:
+    texts = [path.read_text() for path in Path(CONF).rglob("*.yaml")]
+    named = {target for text in texts for target in re.findall(r"_target_: (\S+)", text)}
+    assert named <= TRUSTED
+    assert "hand_recon.regressor.error_feedback.Regressor" in named
+
+
+def test_a_folder_with_a_run_in_it_is_not_written_to(tmp_path: Path) -> None:
+    claim_folder(tmp_path / "new")
+    (tmp_path / "metrics.json").write_text("{}")
+    with pytest.raises(FileExistsError, match="nothing is overwritten"):
+        claim_folder(tmp_path)
+
+
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+    torch.save({"state_dict": {}}, tmp_path / "other.ckpt")
+    with pytest.raises(ValueError, match="no configuration of hand_recon"):
+        read_checkpoint(tmp_path / "other.ckpt")
+
+
+def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"best\.ckpt"):
+        read_checkpoint(tmp_path)
+
+
+def test_a_checkpoint_gives_its_configuration_back(tmp_path: Path) -> None:
+    torch.save({"state_dict": {}, CONFIG_KEY: {"seed": 7}}, tmp_path / "a.ckpt")
+    assert read_checkpoint(tmp_path / "a.ckpt")[1].seed == 7
+
+
+def test_the_fingerprint_knows_the_hand_and_not_its_landmarks(hand: HandModel) -> None:
+    assert fingerprint(open_hand("mano")) == fingerprint(hand)
+    changed = open_hand()
+    changed.template[0, 0] += 1e-4
+    assert fingerprint(changed) != fingerprint(hand)
