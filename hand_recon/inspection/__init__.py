@@ -1,1 +1,1 @@
-"""Looks at what a user has, before anything is trained on it: the machine, the files, the labels."""
+"""Checks before a training: the machine, the files and the labels."""

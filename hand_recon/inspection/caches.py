@@ -1,4 +1,4 @@
-"""The caches: how large they are, and which no run uses any more because what they were made from changed."""
+"""Caches on the disk: their sizes, and crops whose dataset was changed or deleted."""
 
 import json
 from dataclasses import dataclass
@@ -9,27 +9,27 @@ from hand_recon.inspection.finding import Finding
 
 @dataclass(frozen=True)
 class CropMap:
-    """Decoded crops on the disk."""
+    """A cache entry of one dataset's decoded crops."""
 
     folder: Path
-    """Where they are."""
+    """The entry's folder."""
     dataset: str
     """Name of the dataset and part."""
     root: str
     """The dataset's folder."""
     fingerprint: str
-    """Of the dataset when they were decoded."""
+    """Fingerprint of the dataset when they were decoded."""
     count: int
-    """Crops."""
+    """Number of crops."""
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size on the disk, bytes."""
         return sum(path.stat().st_size for path in self.folder.iterdir())
 
 
 def crop_maps(cache: Path) -> list[CropMap]:
-    """All maps of decoded crops in a cache.
+    """All decoded crops in a cache, one entry per dataset and version of it.
 
     Args:
         cache: `paths.cache`.
@@ -51,13 +51,13 @@ def crop_maps(cache: Path) -> list[CropMap]:
 
 
 def stale_maps(cache: Path, dataset: str, root: Path, fingerprint: str) -> list[CropMap]:
-    """Maps of a dataset that was changed since: nothing reads them.
+    """Crops that were decoded before their dataset was changed, and that no run reads any more.
 
     Args:
         cache: `paths.cache`.
         dataset: Name of the dataset and part.
         root: Its folder.
-        fingerprint: What it is now.
+        fingerprint: Its present fingerprint.
     """
     return [
         one
@@ -67,7 +67,7 @@ def stale_maps(cache: Path, dataset: str, root: Path, fingerprint: str) -> list[
 
 
 def look_at_caches(cache: Path) -> list[Finding]:
-    """How large the cache is, and what of it is of no use."""
+    """Size of the cache, and crops in it whose dataset is gone."""
     if not cache.is_dir():
         return [Finding("Cache", "absent", f"none yet at {cache}; made when needed")]
     files = [path for path in cache.rglob("*") if path.is_file()]
@@ -85,7 +85,7 @@ def look_at_caches(cache: Path) -> list[Finding]:
     findings += [
         Finding(
             f"Crops of {one.dataset}", "absent",
-            f"{one.root} is gone; {one.size / 1e9:.1f} GB lie unused", f"rm -r {one.folder}",
+            f"{one.root} is gone; {one.size / 1e9:.1f} GB are unused", f"rm -r {one.folder}",
         )
         for one in crop_maps(cache)
         if not Path(one.root).is_dir()

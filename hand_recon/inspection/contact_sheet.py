@@ -1,4 +1,4 @@
-"""A page of samples with their labels on them: what a training would be shown."""
+"""Contact sheet of training samples with their labels drawn on them."""
 
 from typing import Final
 
@@ -16,6 +16,7 @@ PANEL: Final = 224
 """Side of a sample on the page, pixels."""
 
 COLUMNS: Final = 6
+"""Samples and surfaces in a row of the page."""
 
 _BOX: Final = (255, 120, 0)
 
@@ -23,11 +24,11 @@ _BOX: Final = (255, 120, 0)
 def contact_sheet(
     batch: HandBatch, faces: Int[torch.Tensor, "face 3"]
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
-    """Each sample with its landmarks and their box; beside it its surface, where there is one.
+    """Draw each sample with its landmarks and their bounding box, and beside it its labelled surface.
 
     Args:
         batch: Images as bytes, right hands.
-        faces: Of the hand model that the surfaces belong to.
+        faces: Triangles of the labelled surfaces.
     """
     panels: list[Panel | None] = []
     for index in range(len(batch)):

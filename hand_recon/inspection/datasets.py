@@ -1,4 +1,4 @@
-"""Which datasets and MANO files are where they are looked for, and whether they are whole."""
+"""Datasets and MANO files on the disk, and whether they are complete."""
 
 import os
 from collections.abc import Iterator
@@ -13,20 +13,20 @@ FREIHAND: Final = {
     "training": (130_240, "FreiHAND_pub_v2.zip"),
     "evaluation": (3_960, "FreiHAND_pub_v2_eval.zip"),
 }
-"""Pictures of each part and the download that holds it."""
+"""Number of images of each part, and the archive that holds its annotations."""
 
 HO3D: Final = {"v3": (83_325, 20_137), "v2": (66_034, 11_524)}
-"""Lines of `train.txt` and `evaluation.txt` by version."""
+"""Numbers of lines of `train.txt` and `evaluation.txt`, by version."""
 
 DEPTH: Final = 3
-"""Folders below the one that is searched."""
+"""Levels of folders searched below the given one."""
 
 
 def look_at_mano(folder: Path) -> list[Finding]:
-    """Which of MANO's hands can be used, and which only wait to be converted.
+    """MANO's two hands: converted and readable, not converted yet, or missing.
 
     Args:
-        folder: Where `hand_recon.prepare mano` writes.
+        folder: The folder that `hand_recon.prepare mano` writes to.
     """
     findings = []
     for side in ("right", "left"):
@@ -52,7 +52,7 @@ def look_at_mano(folder: Path) -> list[Finding]:
 
 
 def look_at_datasets(folder: Path) -> list[Finding]:
-    """The known datasets below a folder, with what they have of what they should.
+    """FreiHAND, DexYCB and HO3D below a folder, with how much of each is there.
 
     Args:
         folder: Searched `DEPTH` levels deep; links are followed.
@@ -65,13 +65,15 @@ def look_at_datasets(folder: Path) -> list[Finding]:
     for name in ("FreiHAND", "DexYCB", "HO3D"):
         if name not in named:
             findings.append(
-                Finding(name, "absent", f"not below {folder}", "data/README.md says where from.")
+                Finding(
+                    name, "absent", f"not below {folder}", "data/README.md says where to get it."
+                )
             )
     return findings
 
 
 def _folders(folder: Path, depth: int) -> Iterator[Path]:
-    """A folder and those below it, as long as they are no dataset's insides."""
+    """A folder and those below it, without the folders inside a dataset."""
     if not folder.is_dir():
         return
     yield folder
@@ -91,27 +93,27 @@ def _freihand(root: Path) -> list[Finding]:
         # HO3D's ground truth has the same name, but no list of cameras.
         if not all((root / f"{part}_{kind}.json").is_file() for kind in ("xyz", "K")):
             continue
-        pictures = root / part / "rgb"
-        if not pictures.is_dir() and part == "evaluation":
-            # The first archive has the evaluation's pictures, the second one its annotations.
-            pictures = root.with_name(root.name.removesuffix("_eval")) / part / "rgb"
-        count = _count(pictures, (".jpg", ".png"))
+        images = root / part / "rgb"
+        if not images.is_dir() and part == "evaluation":
+            # The first archive has the evaluation's images, the second one its annotations.
+            images = root.with_name(root.name.removesuffix("_eval")) / part / "rgb"
+        count = _count(images, (".jpg", ".png"))
         lists = [
             name
             for name in ("K", "xyz", "scale", "verts")
             if (root / f"{part}_{name}.json").is_file()
         ]
-        found = f"{count:,} of {expected:,} pictures, lists {' '.join(lists)}; {root}"
-        data = root if part == "training" else pictures.parents[1]
+        found = f"{count:,} of {expected:,} images, lists {' '.join(lists)}; {root}"
+        data = root if part == "training" else images.parents[1]
         check = f"python -m hand_recon.prepare check data=freihand data.root={data}"
         whole = count in (expected, expected // 4 if part == "training" else expected)
         if whole:
             findings.append(Finding(f"FreiHAND {part}", "good", found, check))
         elif not count or count > expected:
-            cure = f"Unpack {FREIHAND['training'][1]} again: all pictures are in it."
+            cure = f"Unpack {FREIHAND['training'][1]} again: all images are in it."
             findings.append(Finding(f"FreiHAND {part}", "wrong", found, cure))
         else:
-            found += f"\nA set of your own, or {archive} is not all there"
+            found += f"\nA set of your own, or {archive} was not unpacked completely"
             findings.append(Finding(f"FreiHAND {part}", "absent", found, check))
     return findings
 
@@ -132,7 +134,7 @@ def _ho3d(root: Path) -> list[Finding]:
         return [Finding("HO3D", "good", found, cure)]
     if any(count > most for count, most in zip(lines, expected, strict=True)):
         return [Finding("HO3D", "wrong", found, "Unpack its archive again; is it another version?")]
-    return [Finding("HO3D", "absent", f"{found}\nA set of your own, or some is missing", cure)]
+    return [Finding("HO3D", "absent", f"{found}\nA set of your own, or incomplete", cure)]
 
 
 def _dexycb(root: Path) -> list[Finding]:
@@ -149,8 +151,8 @@ def _dexycb(root: Path) -> list[Finding]:
     check = f"python -m hand_recon.prepare check data=dexycb data.root={root}"
     odd = ", ".join(name for name, count in recordings.items() if count != SEQUENCES)
     if odd:
-        # The loader refuses it: the place of a recording among a hundred decides its split.
-        cure = f"Unpack anew what has other than {SEQUENCES} recordings: {odd}."
+        # The loader refuses it: a recording's index among the hundred decides its split.
+        cure = f"Unpack again the subjects with other than {SEQUENCES} recordings: {odd}."
         return [Finding("DexYCB", "wrong", found, cure)]
     if len(subjects) == len(SUBJECTS):
         return [Finding("DexYCB", "good", found, check)]

@@ -1,10 +1,10 @@
-"""What a look at something found, and what to type next."""
+"""Findings of `doctor`: the state of one thing and the command that mends it."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 State = Literal["good", "absent", "wrong"]
-"""Fine; not there, which may be as intended; or there and not as it must be."""
+"""Fine; missing, which may be intended; or present and broken."""
 
 
 @dataclass(frozen=True)
@@ -12,10 +12,10 @@ class Finding:
     """One line of the doctor's report."""
 
     subject: str
-    """What was looked at."""
+    """The thing that was checked."""
     state: State
-    """How it is."""
+    """Its state."""
     found: str
-    """What was found, with numbers."""
+    """The details found, with numbers."""
     cure: str = ""
-    """A command or a sentence; empty where nothing needs to be done."""
+    """A command to type, or advice; empty where nothing needs to be done."""

@@ -1,6 +1,6 @@
-"""Whether a dataset's labels can be what they are taken for: numbers over many samples, and diagnoses.
+"""Plausibility checks of a dataset's labels: statistics over many samples, and diagnoses.
 
-A wrong order of landmarks, unit, axis or side does not stop a training. It spoils it.
+A training runs on labels in a wrong order, unit, frame or side without an error, and learns from them.
 """
 
 from dataclasses import dataclass
@@ -16,35 +16,36 @@ from hand_recon.hand.skeleton import LANDMARKS, ROOT_LANDMARK
 from hand_recon.schema import REFERENCE_SIZE, HandBatch
 
 LARGEST_MEDIAN: Final = 3.0
-"""Pixels of a 224-pixel crop by which labels may differ from the projected truth in the median. FreiHAND's
-are the projections; the annotators of others were a pixel or two away."""
+"""Largest plausible median distance of 2D labels from projected 3D labels, pixels of a 224-pixel crop.
+
+FreiHAND's 2D labels are such projections; those that annotators placed differ by a pixel or two."""
 
 PALM_LENGTHS: Final = (0.04, 0.16)
-"""Metres from wrist to middle MCP between which every hand's median lies; adults have about 0.09."""
+"""Plausible range of a dataset's median distance from wrist to middle MCP, metres; adults have about 0.09."""
 
 FEWEST_CURLED: Final = 10
-"""Hands with bent fingers without which their side is not judged."""
+"""Fewest hands with bent fingers from which left and right hands are told apart."""
 
 _INDEX, _LITTLE = LANDMARKS.index("index MCP"), LANDMARKS.index("little MCP")
 
 
 @dataclass(frozen=True)
 class LabelReport:
-    """What the labels of some samples are like."""
+    """Statistics and diagnoses of some samples' labels."""
 
     numbers: dict[str, float]
-    """By name; units are in the names. What cannot be known is not there."""
+    """Statistics by name; the names have the units. Those that the labels do not allow are absent."""
     labelled: dict[str, float]
     """Share of the samples that have each landmark."""
     troubles: tuple[str, ...]
-    """Diagnoses with their cures; empty if nothing speaks against the labels."""
+    """Diagnoses with their cures; empty if the labels are plausible."""
 
 
 def examine_labels(batch: HandBatch) -> LabelReport:
-    """Look at the labels of some samples.
+    """Compute statistics of some samples' labels, and diagnose wrong orders, units, frames and sides.
 
     Args:
-        batch: As many as can be had; right hands, as every dataset gives them.
+        batch: The samples, right hands as from every dataset; more samples give surer diagnoses.
     """
     numbers: dict[str, float] = {"samples": float(len(batch))}
     numbers["left_hands_percent"] = (
@@ -65,7 +66,7 @@ def examine_labels(batch: HandBatch) -> LabelReport:
 def curls_to_the_palm(
     landmarks: Float[Tensor, "hand landmark=21 3"],
 ) -> tuple[Bool[Tensor, " hand"], Bool[Tensor, " hand"]]:
-    """Which hands have clearly bent fingers, and which of all bend them as a right hand does.
+    """Masks of the hands with clearly bent fingers, and of those whose fingers bend as a right hand's.
 
     The normal (index MCP − wrist) × (little MCP − wrist) points out of a right hand's palm, in a right-handed
     frame such as the camera's, and out of the back of a left hand.
@@ -102,26 +103,28 @@ def _order_troubles(batch: HandBatch) -> list[str]:
         if order is not None:
             troubles.append(
                 f"The {name} landmarks look to be in the order of {order!r}, not in FreiHAND's: bones are "
-                "shorter so. Read them with that order (data.order for files of landmarks), or write them "
-                "anew."
+                "shorter in that order. Read them with it (data.order for files of landmarks), or rewrite "
+                "the files in FreiHAND's order."
             )
     return troubles
 
 
 def _examine_3d(batch: HandBatch) -> tuple[dict[str, float], list[str]]:
-    assert batch.landmarks_3d is not None  # noqa: S101  # the caller chose these hands for having them
+    assert batch.landmarks_3d is not None  # noqa: S101  # the caller selected hands with 3D labels
     landmarks = batch.landmarks_3d.double()
     palm = (landmarks[:, ROOT_LANDMARK] - landmarks[:, 0]).norm(dim=-1)
     numbers = _percentiles("palm_mm", palm * 1000) | _percentiles("depth_m", landmarks[:, 0, 2])
     troubles = []
     if not PALM_LENGTHS[0] < float(palm.median()) < PALM_LENGTHS[1]:
         troubles.append(
-            f"The palm is {float(palm.median()):.4g} m long in the median, expected about 0.09: the 3D "
-            "labels are in another unit than metres, or the order of landmarks is another."
+            f"The median palm length is {float(palm.median()):.4g} m, expected about 0.09: the 3D labels are "
+            "in another unit than metres, or their landmarks are in another order. Convert them to metres, "
+            "or read them with their order."
         )
     if (landmarks[..., 2] <= 0).any():
         troubles.append(
-            "Some 3D labels are behind the camera (z ≤ 0): OpenGL's axes? Turn y and z round."
+            "Some 3D labels are behind the camera (z ≤ 0), expected z > 0. If they are in OpenGL's frame, "
+            "change the signs of y and z."
         )
     curled, as_right = curls_to_the_palm(landmarks)
     if curled.sum() >= FEWEST_CURLED:
@@ -130,7 +133,8 @@ def _examine_3d(batch: HandBatch) -> tuple[dict[str, float], list[str]]:
         if share < 0.5:
             troubles.append(
                 f"{100 * (1 - share):.0f} % of the hands with bent fingers bend them towards the back of a "
-                "right hand: the 3D labels are mirrored, or these are left hands taken for right ones."
+                "right hand: the 3D labels are mirrored, or these are left hands read as right hands. Mirror "
+                "the labels, or mark the hands as left."
             )
     if batch.intrinsics is not None:
         numbers_2d, more = _reprojection(batch)
@@ -150,8 +154,8 @@ def _reprojection(batch: HandBatch) -> tuple[dict[str, float], list[str]]:
         return numbers, []
     trouble = (
         f"The projected 3D labels are {median:.1f} px (of a 224-pixel crop) from the 2D labels in the "
-        "median, expected less than 3: the cameras belong to another picture size, or the axes or orders of "
-        "the two differ."
+        "median, expected less than 3: the camera matrices are for another image size, or 2D and 3D labels "
+        "differ in frame or order. Compare the camera matrices with the size of the images."
     )
     return numbers, [trouble]
 

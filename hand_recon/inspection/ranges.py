@@ -1,4 +1,4 @@
-"""Whether the poses that a dataset's labels claim are ones that joints can take (Sec. 3.2, Table 1)."""
+"""Joint ranges of a dataset's labelled poses: how many exceed those of real joints (Sec. 3.2, Table 1)."""
 
 import logging
 import math
@@ -16,17 +16,18 @@ logger = logging.getLogger(__name__)
 def examine_poses(
     data: HandDataModule, rest_angles: Float[Tensor, "joint=15 axis=3"], limit: int
 ) -> dict[str, float]:
-    """How far the training hands' own joint angles are beyond the ranges of the clinical literature.
+    """Compare the joint angles of a dataset's training hands with the ranges of the clinical literature.
 
     Args:
-        data: Asked for the parameters of its training hands.
-        rest_angles: Of the hand model, radians.
-        limit: At most so many hands.
+        data: The dataset; its training hands' parameters are used.
+        rest_angles: Joint angles of the hand model's rest pose, radians.
+        limit: The most hands to compare.
 
     Returns:
-        By name: how many hands were looked at, the percentage with a joint beyond its range by more than
-        `ROM_TOLERANCE`, and the mean over hands of the largest violation, degrees. Nothing, and a line that
-        says why, where the dataset does not know its poses.
+        `poses`, the number of hands compared; `beyond_ranges_percent`, the percentage of hands with a joint
+        beyond its range by more than `ROM_TOLERANCE`; `largest_violation_degrees_mean`, the mean over hands
+        of the largest violation, degrees. Empty for a dataset without poses, with a log line that gives
+        the reason.
     """
     try:
         parameters = data.train_parameters(limit)
@@ -34,12 +35,14 @@ def examine_poses(
         logger.warning("The poses of %s were not compared with joint ranges: %s", data.name, error)
         return {}
     if parameters is None:
-        logger.info("%s does not know its poses: no comparison with joint ranges.", data.name)
+        logger.info("%s has no labelled poses: no comparison with joint ranges.", data.name)
         return {}
     angles = parameters.joint_angles
     angles = angles[angles.isfinite().flatten(1).all(dim=1)].double()
     if not len(angles):
-        logger.warning("%s has no pose that is finite: no comparison with joint ranges.", data.name)
+        logger.warning(
+            "No labelled pose of %s is finite: no comparison with joint ranges.", data.name
+        )
         return {}
     violation = range_violation(angles, load_ranges("literature", rest_angles))
     return {

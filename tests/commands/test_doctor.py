@@ -8,11 +8,11 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from hand_recon.doctor import doctor, examine, next_command
 from hand_recon.inspection.caches import crop_maps, look_at_caches, stale_maps
 from hand_recon.inspection.finding import Finding
 from hand_recon.inspection.machine import look_at_disk, look_at_versions
 from hand_recon.runs.configuration import CONF
+from hand_recon.runs.diagnosis import doctor, examine, next_command
 from tests.support.freihand_folder import write_folder
 
 
@@ -47,7 +47,7 @@ def test_a_set_of_ones_own_is_not_broken_and_is_to_be_checked_next(
     root = write_folder(tmp_path / "own", hands=4).root
     assert doctor(configuration(tmp_path))
     printed = capsys.readouterr().out
-    assert "16 of 130,240 pictures" in printed
+    assert "16 of 130,240 images" in printed
     assert printed.rstrip().endswith(
         f"Next: python -m hand_recon.prepare check data=freihand data.root={root}"
     )
@@ -73,8 +73,8 @@ def test_something_broken_comes_first_and_advice_is_no_command() -> None:
 
 def test_something_broken_makes_the_exit_status(tmp_path: Path) -> None:
     root = write_folder(tmp_path / "own", hands=4).root
-    for picture in (root / "training" / "rgb").iterdir():
-        picture.unlink()
+    for image in (root / "training" / "rgb").iterdir():
+        image.unlink()
     assert not doctor(configuration(tmp_path))
 
 

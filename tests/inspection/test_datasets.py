@@ -45,13 +45,13 @@ def test_freihand_is_counted(tmp_path: Path) -> None:
     found = named(look_at_datasets(tmp_path), "FreiHAND training")
     assert found.state == "absent"
     assert found.found.splitlines() == [
-        f"20 of 130,240 pictures, lists K xyz scale; {root}",
-        "A set of your own, or FreiHAND_pub_v2.zip is not all there",
+        f"20 of 130,240 images, lists K xyz scale; {root}",
+        "A set of your own, or FreiHAND_pub_v2.zip was not unpacked completely",
     ]
     assert found.cure == f"python -m hand_recon.prepare check data=freihand data.root={root}"
 
 
-def test_freihand_with_more_pictures_than_there_are_or_with_none_is_wrong(
+def test_freihand_with_more_images_than_there_are_or_with_none_is_wrong(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = write_folder(tmp_path / "FreiHAND_pub_v2", hands=5).root
@@ -61,7 +61,7 @@ def test_freihand_with_more_pictures_than_there_are_or_with_none_is_wrong(
     shutil.rmtree(root / "training")
     found = named(look_at_datasets(tmp_path), "FreiHAND training")
     assert found.state == "wrong"
-    assert found.cure == "Unpack a.zip again: all pictures are in it."
+    assert found.cure == "Unpack a.zip again: all images are in it."
 
 
 def test_a_whole_freihand_is_good(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

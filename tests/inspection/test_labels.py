@@ -67,7 +67,7 @@ def test_millimetres_mirrors_and_open_gl_are_diagnosed(batch: HandBatch) -> None
     )
 
 
-def test_a_camera_of_another_picture_size_is_diagnosed(batch: HandBatch) -> None:
+def test_a_camera_of_another_image_size_is_diagnosed(batch: HandBatch) -> None:
     assert batch.intrinsics is not None
     wrong = replace(batch, intrinsics=batch.intrinsics * torch.tensor([2.0, 2.0, 1.0])[:, None])
     troubles = examine_labels(wrong).troubles

@@ -46,7 +46,7 @@ def test_hands_count_beyond_the_tolerance_and_the_mean_is_without_it(hand: HandM
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (None, "does not know its poses"),
+        (None, "has no labelled poses"),
         (FileNotFoundError("MANO is missing."), "not compared with joint ranges: MANO is missing."),
         (ValueError("No such labels."), "not compared with joint ranges: No such labels."),
     ],
