@@ -8,6 +8,7 @@ difference and the 3D hand is right for the true camera.
 
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -48,6 +49,19 @@ def project(
     depth = points[..., 2:].clamp(min=0.01)
     on_plane = torch.cat([points[..., :2] / depth, torch.ones_like(depth)], dim=-1)
     return (on_plane @ intrinsics.mT)[..., :2]
+
+
+def project_array(
+    points: Float[np.ndarray, "*batch point 3"], intrinsics: Float[np.ndarray, "*camera 3 3"]
+) -> Float[np.ndarray, "*batch point 2"]:
+    """Pixels of points, u = K x / z, in NumPy and at any depth: for labels and rendering.
+
+    Args:
+        points: Camera frame, metres. A depth of zero gives what NumPy divides to.
+        intrinsics: Camera matrix, pixels: one for all points or one for each batch entry.
+    """
+    on_plane = points / points[..., 2:]
+    return np.asarray((on_plane @ intrinsics.swapaxes(-2, -1))[..., :2])
 
 
 def raw_to_translation(raw: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

@@ -19,7 +19,7 @@ def batch(hand: HandModel) -> HandBatch:
 @pytest.fixture
 def prediction(hand: HandModel, batch: HandBatch) -> HandPrediction:
     parameters = known_hands(hand, 5)
-    posed = hand.place(parameters)
+    posed = hand.to_camera(parameters)
     assert batch.intrinsics is not None
     return HandPrediction(
         parameters, posed.vertices, posed.joints, posed.landmarks, batch.landmarks_2d,

@@ -137,7 +137,7 @@ def knowledge_work(kind: str, count: int, *, full: bool) -> Work:
 
     def work() -> float:
         parameters = HandParameters(angles, shape, six_d_to_rotation(six), raw_to_translation(raw))
-        placed = hand.place(parameters)
+        placed = hand.to_camera(parameters)
         pixels = project(placed.landmarks, intrinsics)
         loss = (pixels - 112).square().sum()
         if full:

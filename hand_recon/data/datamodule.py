@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Sampler
 
 from hand_recon.data.augment import Augmentation, to_float
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
 
 logger = logging.getLogger(__name__)
@@ -176,9 +177,7 @@ class HandDataModule(lightning.LightningDataModule):
             the dataset has no 3D.
         """
         dataset = self.ground_truth_dataset()
-        count = min(limit or len(dataset), len(dataset))
-        places = [index * len(dataset) // count for index in range(count)]
-        batch = gather(dataset, places)
+        batch = gather(dataset, evenly_spaced(len(dataset), limit or len(dataset)))
         if batch.landmarks_3d is None:
             return None
         return batch.landmarks_3d, batch.vertices

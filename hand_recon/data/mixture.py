@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader
 from hand_recon.camera import default_intrinsics
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.datamodule import EpochSampler, HandDataModule, HandDataset
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters, HandSample
 
 logger = logging.getLogger(__name__)
@@ -220,8 +221,7 @@ class MixtureDataModule(HandDataModule):
             return None
         joined = HandParameters.join(found)
         total = len(joined.shape)
-        count = min(limit or total, total)
-        return joined.select(torch.arange(count) * total // count)
+        return joined.select(torch.tensor(evenly_spaced(total, limit or total)))
 
     def _mixed(self) -> MixedHands:
         return MixedHands({name: part.dataset("train") for name, part in self.parts.items()})

@@ -116,7 +116,7 @@ class Objective:
             parameters: Of each hand.
             observation: What they should look like.
         """
-        posed = self.hand.place(parameters)
+        posed = self.hand.to_camera(parameters)
         prediction = HandPrediction(
             parameters=parameters,
             vertices=posed.vertices,

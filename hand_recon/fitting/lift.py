@@ -40,7 +40,7 @@ def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
     parameters = HandParameters(
         found.joint_angles, found.shape, back @ rotation, (back @ translation[..., None])[..., 0]
     )
-    hand = regressor.hand.place(parameters)
+    hand = regressor.hand.to_camera(parameters)
     # The roll mixes the two coordinates' variances; their correlation is left out.
     squares = back[:, None, :2, :2].square() @ torch.exp(2 * prediction.log_sigma)[..., None]
     return HandPrediction(

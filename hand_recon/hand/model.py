@@ -158,7 +158,7 @@ class HandModel(nn.Module):
         # The points last, as `_skin` leaves them: one product for all hands, not one for each.
         return (torch.cat([vertices.mT, joints.mT], dim=-1) @ self.landmark_regressor.mT).mT
 
-    def place(self, parameters: HandParameters) -> HandGeometry:
+    def to_camera(self, parameters: HandParameters) -> HandGeometry:
         """Pose the hand and put it into the camera's frame (the R and t of Sec. 3.1)."""
         hand = self(parameters.joint_angles, parameters.shape)
         return moved(hand, parameters.root_rotation, parameters.translation)

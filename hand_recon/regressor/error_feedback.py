@@ -151,7 +151,7 @@ class Regressor(nn.Module):
     ) -> Float[Tensor, "batch coordinate=42"]:
         """Projection minus landmark, in units of `_FEEDBACK_UNIT`, zero where no landmark is shown."""
         parameters, camera = self._placed(state, shown.crop_size, shown.intrinsics)
-        error = project(skeleton.place(parameters).landmarks, camera) - shown.landmarks_2d
+        error = project(skeleton.to_camera(parameters).landmarks, camera) - shown.landmarks_2d
         error = error.masked_fill(~shown.labelled[..., None], 0.0)
         error = error * (REFERENCE_SIZE / shown.crop_size / _FEEDBACK_UNIT)
         return error.clamp(-_FEEDBACK_LIMIT, _FEEDBACK_LIMIT).flatten(1)
@@ -176,7 +176,7 @@ class Regressor(nn.Module):
     ) -> HandPrediction:
         parts = self._parts(state)
         parameters, camera = self._placed(state, crop_size, intrinsics)
-        hand = self.hand.place(parameters)
+        hand = self.hand.to_camera(parameters)
         correlation = parts.get("correlation")
         return HandPrediction(
             parameters=parameters,

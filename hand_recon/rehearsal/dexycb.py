@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 
+from hand_recon.camera import project_array
 from hand_recon.data.dexycb.files import SEQUENCES, SERIALS, SIZE, SUBJECTS, label_path
 from hand_recon.data.dexycb.surfaces import ManoPair
 from hand_recon.data.synthetic.gestures import sample_pose
@@ -227,7 +228,7 @@ def _write_frame(
     }
     if hand is not None:
         _paint(picture, seg, hand, intrinsics)
-        pixels = _project(hand.landmarks, intrinsics)
+        pixels = project_array(hand.landmarks, intrinsics)
         label = {
             "pose_m": hand.pose_m[None],
             "joint_3d": hand.landmarks[None],
@@ -257,15 +258,9 @@ def _paint(
     shade = 0.45 + 0.55 * np.abs(normals @ _LIGHT)
     colours = (shade[:, None] * [225, 170, 140]).astype(int).tolist()
     # Sixteenths of a pixel; OpenCV counts from pixel centres.
-    pixels = np.round((_project(hand.vertices, intrinsics) - 0.5) * 16).astype(np.int32)
+    pixels = np.round((project_array(hand.vertices, intrinsics) - 0.5) * 16).astype(np.int32)
     corners_2d = pixels[hand.faces]
     for face in np.argsort(-corners[..., 2].mean(axis=1)).tolist():
         triangle = corners_2d[face]
         cv2.fillConvexPoly(picture, triangle, colours[face], shift=4)
     seg[picture[..., 0] != BACKGROUND[0]] = HAND
-
-
-def _project(
-    points: Float[np.ndarray, "point 3"], intrinsics: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "point 2"]:
-    return np.asarray(((points / points[:, 2:]) @ intrinsics.T)[:, :2])

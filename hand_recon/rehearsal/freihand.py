@@ -138,7 +138,7 @@ def _vertices(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "vertex 3"
     parts = (hand.joint_angles, hand.shape, hand.root_rotation, hand.translation)
     parameters = HandParameters(*(torch.from_numpy(part).float() for part in parts))
     with torch.no_grad():
-        return np.asarray(open_hand("mano").place(parameters).vertices.numpy())
+        return np.asarray(open_hand("mano").to_camera(parameters).vertices.numpy())
 
 
 def _mano_numbers(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "1 61"]:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, UInt8
 
+from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.hand.anatomical_frame import joint_rotations
@@ -90,7 +91,7 @@ def _paint(
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True) + 1e-12
     shade = 0.45 + 0.55 * np.abs(normals @ _LIGHT)
     colours = (shade[:, None] * [225, 170, 140]).astype(int).tolist()
-    projected = ((corners / corners[..., 2:]) @ intrinsics.T)[..., :2]
+    projected = project_array(corners, intrinsics)
     # Sixteenths of a pixel; OpenCV counts from pixel centres.
     pixels = np.round((projected - 0.5) * 16).astype(np.int32)
     for face in np.argsort(-corners[..., 2].mean(axis=1)).tolist():

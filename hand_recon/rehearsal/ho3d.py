@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 
+from hand_recon.camera import project_array
 from hand_recon.data.synthetic.levels import DIFFICULTIES, Level
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.scene import SyntheticHand, synthetic_hand
@@ -170,7 +171,7 @@ def _vertices(hand: SyntheticHand) -> Float[np.ndarray, "vertex 3"]:
     parts = (hand.joint_angles, hand.shape, hand.root_rotation, hand.translation)
     parameters = HandParameters(*(torch.from_numpy(part).float() for part in parts))
     with torch.no_grad():
-        return np.asarray(open_hand("ho3d").place(parameters).vertices.numpy())
+        return np.asarray(open_hand("ho3d").to_camera(parameters).vertices.numpy())
 
 
 def _write_part(
@@ -218,10 +219,10 @@ def _meta(frame: _Frame, training: bool, version: str) -> dict[str, object]:
 def _box(frame: _Frame) -> list[int]:
     """Left, top, right and bottom of the surface's projection, whole pixels inside the picture."""
     points = frame.vertices.astype(float) * OPENGL
-    pixels = (points / points[:, 2:]) @ frame.intrinsics.T
+    pixels = project_array(points, frame.intrinsics)
     height, width = frame.image.shape[:2]
-    low = np.floor(pixels[:, :2].min(axis=0)).clip(0, (width - 2, height - 2))
-    high = np.ceil(pixels[:, :2].max(axis=0)).clip(low + 1, (width, height))
+    low = np.floor(pixels.min(axis=0)).clip(0, (width - 2, height - 2))
+    high = np.ceil(pixels.max(axis=0)).clip(low + 1, (width, height))
     return [int(value) for value in (*low, *high)]
 
 

@@ -21,11 +21,12 @@ from torch import Tensor
 from hand_recon import __version__
 from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import HandDataModule, gather
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.runs.configuration import instantiate
-from hand_recon.runs.training_progress import somebody_watches
+from hand_recon.runs.training_progress import is_interactive
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.module import HandReconstruction
 from hand_recon.visualization.curves import draw_curves
@@ -110,7 +111,7 @@ def _test(run: Run) -> dict[str, float]:
         precision="32-true",
         logger=False,
         enable_checkpointing=False,
-        enable_progress_bar=somebody_watches(),
+        enable_progress_bar=is_interactive(),
     )
     trainer.test(run.module, datamodule=run.data, verbose=False)
     return {
@@ -201,10 +202,9 @@ class _Shown:
 def _shown_hands(run: Run) -> _Shown | None:
     """Test hands spread evenly over the set; none if no picture is wanted."""
     dataset = run.data.dataset("test")
-    count = min(int(run.config.report.images), len(dataset))
-    if count == 0:
+    indices = evenly_spaced(len(dataset), int(run.config.report.images))
+    if not indices:
         return None
-    indices = [position * len(dataset) // count for position in range(count)]
     batch = gather(dataset, indices)
     module = run.module.to("cpu").eval()
     return _Shown(indices, batch, module(to_float(batch)))

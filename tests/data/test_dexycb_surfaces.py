@@ -165,7 +165,7 @@ def test_training_hands_in_this_projects_parameters_are_the_labelled_hands(
     training = data.dataset("train")
     assert isinstance(training, DexYcb)
     surfaces = surfaces_of(training)
-    hand = surfaces.mano.right.hand.place(parameters).vertices
+    hand = surfaces.mano.right.hand.to_camera(parameters).vertices
     rows = [index * len(training) // 9 for index in range(9)]
     assert len(hand) == 9
     assert len(set(training.left[rows].tolist())) == 2

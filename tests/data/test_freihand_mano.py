@@ -53,7 +53,7 @@ def test_the_training_hands_parameters_are_their_points(folder: Folder, mano: Pa
     parameters = data.train_parameters()
     assert parameters is not None
     with torch.no_grad():
-        placed = mano_hand(mano).place(parameters)
+        placed = mano_hand(mano).to_camera(parameters)
     training = FreiHand("train", data.recipe)
     hands = [image_number(training[index].source) for index in range(len(training))]
     assert len(placed.landmarks) == len(hands) == 16
@@ -93,7 +93,7 @@ def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_picture
     assert parameters is not None
     training = data.dataset_with_surfaces("train")
     with torch.no_grad():
-        placed = mano_hand(mano).place(parameters)
+        placed = mano_hand(mano).to_camera(parameters)
     first_versions = [training[index] for index in range(len(parameters.shape))]
     for made, landmarks, sample in zip(
         placed.vertices, placed.landmarks, first_versions, strict=True

@@ -47,7 +47,7 @@ def test_parameters_pose_the_hand_that_the_labels_show(folder: Folder, mano: Pat
     parameters = module.train_parameters()
     data = module.dataset("train")
     assert parameters is not None
-    placed = mano_hand(mano, "ho3d").place(parameters)
+    placed = mano_hand(mano, "ho3d").to_camera(parameters)
     truth = gather(data, list(range(len(data)))).landmarks_3d
     assert truth is not None
     torch.testing.assert_close(placed.landmarks, truth, atol=1e-5, rtol=0)

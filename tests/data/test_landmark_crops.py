@@ -224,7 +224,7 @@ def found_in(crops: LandmarkCrops, hand: HandModel, seed: int) -> HandPrediction
     place = torch.randn(HANDS, 3, generator=generator) * 0.02 + torch.tensor([0.0, 0.0, 0.6])
     shape = torch.randn(HANDS, 10, generator=generator)
     parameters = HandParameters(angles, shape, rotation, place)
-    posed = hand.place(parameters)
+    posed = hand.to_camera(parameters)
     camera = crops.batch.intrinsics
     if camera is None:
         camera = default_intrinsics(224, place).expand(HANDS, 3, 3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.levels import DIFFICULTIES
@@ -13,7 +14,7 @@ from hand_recon.data.synthetic.light import open_sky
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import synthetic_hand
 from hand_recon.data.synthetic.surface import box, revolved, vertex_normals
-from hand_recon.data.synthetic.view import FACING, axis_rotation, project, sample_view
+from hand_recon.data.synthetic.view import FACING, axis_rotation, sample_view
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import LANDMARKS, TIPS
 from hand_recon.rendering.rays import RayScene
@@ -154,7 +155,9 @@ def test_the_sky_is_open_over_a_ball_and_closed_inside_a_box() -> None:
 
 def test_projection_agrees_with_a_hand_computed_pixel() -> None:
     intrinsics = np.array([[100.0, 0, 30], [0, 200.0, 40], [0, 0, 1]])
-    np.testing.assert_allclose(project(np.array([[0.1, -0.2, 0.5]]), intrinsics), [[50.0, -40.0]])
+    np.testing.assert_allclose(
+        project_array(np.array([[0.1, -0.2, 0.5]]), intrinsics), [[50.0, -40.0]]
+    )
 
 
 def test_impossible_recipes_are_refused() -> None:

@@ -128,7 +128,7 @@ def test_views_lie_upright_in_the_middle_of_their_crops(detected: SyntheticHands
 
 def test_the_truth_turns_with_its_crop(detected: SyntheticHands) -> None:
     places = torch.arange(SIZE)
-    placed = open_hand().place(detected.parameters(places))
+    placed = open_hand().to_camera(detected.parameters(places))
     torch.testing.assert_close(placed.landmarks, detected.landmarks_3d, atol=2e-6, rtol=0)
     batch = detected.batch(places.tolist())
     assert batch.vertices is not None

@@ -24,7 +24,7 @@ def batch(hand: HandModel) -> HandBatch:
 def prediction(hand: HandModel, batch: HandBatch) -> HandPrediction:
     """The truth of other poses in the same order: off, by different amounts."""
     parameters = known_hands(hand, COUNT)
-    posed = hand.place(parameters)
+    posed = hand.to_camera(parameters)
     assert batch.intrinsics is not None
     return HandPrediction(
         parameters, posed.vertices, posed.joints, posed.landmarks,
@@ -99,10 +99,10 @@ def test_a_hand_without_truth_is_no_number_in_its_row(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     assert batch.landmarks_3d is not None
-    truth = batch.landmarks_3d.clone()
-    truth[2] = torch.nan
+    ground_truth = batch.landmarks_3d.clone()
+    ground_truth[2] = torch.nan
     measured = scores(hand)
-    measured.update(replace(batch, landmarks_3d=truth), prediction)
+    measured.update(replace(batch, landmarks_3d=ground_truth), prediction)
     index, columns = measured.per_hand()
     missing = columns["E_J"].isnan()
     assert index[missing].tolist() == [2]

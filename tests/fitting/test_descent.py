@@ -101,7 +101,7 @@ def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None
     assert_close(loss["weighted/shape"], 10 * loss["shape"])
     squares = distance(found, seen).square().sum(dim=1)
     assert_close(loss["data"], squares)
-    posed = hand.place(found.prediction.parameters)
+    posed = hand.to_camera(found.prediction.parameters)
     assert_close(found.prediction.vertices, posed.vertices)
     assert found.prediction.vertices.shape == (COUNT, len(hand.template), 3)
 

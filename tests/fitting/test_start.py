@@ -92,7 +92,7 @@ def shown(start: Start, which: int, hand: HandModel) -> torch.Tensor:
         start.joint_angles[:, which], torch.zeros(count, 10), start.root_rotation[:, which],
         start.translation[:, which],
     )  # fmt: skip
-    return hand.place(parameters).landmarks
+    return hand.to_camera(parameters).landmarks
 
 
 def test_a_real_palm_is_near_the_better_placement(hand: HandModel) -> None:

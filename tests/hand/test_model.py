@@ -144,7 +144,7 @@ def test_placement_turns_about_the_middle_mcp_and_then_shifts(hand64: HandModel)
     angles, shape = pose((3,))
     rotation = six_d_to_rotation(torch.randn(3, 6, dtype=torch.float64))
     translation = torch.randn(3, 3, dtype=torch.float64)
-    placed = hand64.place(HandParameters(angles, shape, rotation, translation))
+    placed = hand64.to_camera(HandParameters(angles, shape, rotation, translation))
     assert_close(placed.joints[:, ROOT_JOINT], translation)
     own = hand64(angles, shape)
     assert_close(

@@ -141,7 +141,7 @@ def degrees_of(joint: str, **degrees: float) -> torch.Tensor:
 def posed(hand: HandModel, joint_angles: torch.Tensor) -> HandPrediction:
     """The prediction with the surface of its pose."""
     found = prediction(joint_angles, torch.zeros(len(joint_angles), 10))
-    return replace(found, vertices=hand.place(found.parameters).vertices)
+    return replace(found, vertices=hand.to_camera(found.parameters).vertices)
 
 
 def test_every_source_of_knowledge_has_its_term_and_its_weight(

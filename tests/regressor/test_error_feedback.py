@@ -60,7 +60,7 @@ def test_projections_are_those_of_the_predicted_hand(regressor: Regressor) -> No
     prediction = regressor(crops(torch.rand(3, 3, 64, 64)))
     camera = default_intrinsics(64, prediction.landmarks_3d).expand(3, 3, 3)
     assert_close(prediction.landmarks_2d, project(prediction.landmarks_3d, camera))
-    posed = regressor.hand.place(prediction.parameters)
+    posed = regressor.hand.to_camera(prediction.parameters)
     assert_close(prediction.vertices, posed.vertices)
 
 

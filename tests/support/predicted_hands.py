@@ -19,7 +19,7 @@ def true_hands(hand: HandModel, count: int, seed: int = 0) -> HandPoints:
     torch.manual_seed(seed)
     place = torch.tensor([0.0, 0.0, 0.7]) + torch.tensor([0.1, 0.08, 0.1]) * torch.randn(count, 3)
     with torch.no_grad():
-        posed = hand.place(replace(known_hands(hand, count), translation=place))
+        posed = hand.to_camera(replace(known_hands(hand, count), translation=place))
     return HandPoints(posed.landmarks.double(), posed.vertices.double())
 
 
@@ -40,10 +40,10 @@ def changed(
     )
 
 
-def write_ground_truth(folder: Path, truth: HandPoints, protocol: Protocol) -> None:
+def write_ground_truth(folder: Path, ground_truth: HandPoints, protocol: Protocol) -> None:
     """`evaluation_xyz.json` and `evaluation_verts.json` in the protocol's form."""
     folder.mkdir(parents=True, exist_ok=True)
-    points = protocol.from_internal(truth)
+    points = protocol.from_internal(ground_truth)
     (folder / "evaluation_xyz.json").write_text(json.dumps(points.landmarks.tolist()))
     if points.vertices is not None:
         (folder / "evaluation_verts.json").write_text(json.dumps(points.vertices.tolist()))

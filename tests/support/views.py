@@ -36,7 +36,7 @@ def views(hand: HandModel, parameters: HandParameters, *, focal: float = 500.0) 
     """Exact landmarks of hands in crops of 224 pixels, with the truth and no pictures."""
     count = len(parameters.translation)
     with torch.no_grad():
-        posed = hand.place(parameters)
+        posed = hand.to_camera(parameters)
     intrinsics = default_intrinsics(224, posed.landmarks)
     intrinsics[0, 0] = intrinsics[1, 1] = focal
     intrinsics = intrinsics.expand(count, 3, 3)

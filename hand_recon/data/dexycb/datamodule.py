@@ -5,6 +5,7 @@ import torch
 
 from hand_recon.data.dexycb.dataset import AROUND_JOINTS, DexYcb, DexYcbRecipe
 from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters
 
 
@@ -30,7 +31,6 @@ class DexYcbDataModule(PictureDataModule):
         surfaces = data.surfaces() if isinstance(data, DexYcb) else None
         if surfaces is None:
             return None
-        count = min(limit or len(surfaces), len(surfaces))
-        rows = np.arange(count) * len(surfaces) // count
+        rows = np.array(evenly_spaced(len(surfaces), limit or len(surfaces)))
         with torch.no_grad():
             return surfaces.select(rows).parameters()

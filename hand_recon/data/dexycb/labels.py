@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hand_recon.camera import project_array
 from hand_recon.data.cache import ensure_built
 from hand_recon.data.dexycb.files import label_path
 from hand_recon.data.dexycb.listing import FrameFiles, Task, look_at_files, tasks_of
@@ -150,8 +151,8 @@ def check_labels(
     labels, intrinsics = labels.select(rows), intrinsics[rows]
     points = labels.joint_3d.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        pixels = (points / points[..., 2:]) @ intrinsics.swapaxes(1, 2)
-    missed = np.abs(pixels[..., :2] - labels.joint_2d).max(axis=(1, 2))
+        pixels = project_array(points, intrinsics)
+    missed = np.abs(pixels - labels.joint_2d).max(axis=(1, 2))
     wrong = ~(missed < _TOO_FAR) | (points[..., 2] <= 0).any(axis=1)
     if wrong.mean() > 0.5:
         raise ValueError(

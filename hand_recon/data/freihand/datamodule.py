@@ -8,6 +8,7 @@ import torch
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe, training_mano
 from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.hand.mano.labels import freihand_parameters
 from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.schema import HandParameters
@@ -47,8 +48,7 @@ class FreiHandDataModule(PictureDataModule):
         if found is None or self.mano is None:
             return None
         labels, intrinsics = (torch.from_numpy(array).float() for array in found)
-        count = min(limit or len(labels), len(labels))
-        chosen = torch.arange(count) * len(labels) // count
+        chosen = evenly_spaced(len(labels), limit or len(labels))
         layer = ManoLayer.load(self.mano, landmarks="mano")
         with torch.no_grad():
             return layer.hand_parameters(

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from hand_recon.camera import project_array
 from hand_recon.data.cache import digest
 from hand_recon.data.freihand.image_files import (
     ARCHIVES,
@@ -67,9 +68,7 @@ class FreiHandPart:
 
     def projections(self) -> Float[np.ndarray, "hand landmark=21 2"]:
         """The 2D labels, which FreiHAND does not store: u = K x / z, pixels of the image."""
-        landmarks = self.landmarks.astype(np.float64)
-        on_plane = (landmarks / landmarks[..., 2:]) @ self.intrinsics.swapaxes(1, 2)
-        return np.asarray(on_plane[..., :2])
+        return project_array(self.landmarks.astype(np.float64), self.intrinsics)
 
     def vertices(self, cache_dir: Path | None) -> Float[np.ndarray, "hand vertex 3"] | None:
         """Ground truth surfaces in the camera's frame, metres; None if the file is not there.

@@ -1,10 +1,9 @@
 """HO3D for Lightning (Sec. 4.1)."""
 
-import numpy as np
-
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters
 
 
@@ -23,5 +22,5 @@ class Ho3dDataModule(PictureDataModule):
         hands = dataset.mano_hands() if isinstance(dataset, Ho3d) else None
         if hands is None or not isinstance(dataset, Ho3d):
             return None
-        count = min(limit or len(dataset), len(dataset))
-        return hands.parameters(dataset.rows[np.arange(count) * len(dataset) // count])
+        chosen = evenly_spaced(len(dataset), limit or len(dataset))
+        return hands.parameters(dataset.rows[chosen])

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from hand_recon.camera import project_array
 from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
 from hand_recon.data.annotations import AnnotatedHands, Surfaces
 from hand_recon.data.cache import digest
@@ -145,7 +146,7 @@ class Ho3d(PictureHands):
 
     def _training_table(self, with_vertices: bool) -> AnnotatedHands:
         points = self.annotations.points
-        labels = _project(points, self.annotations.intrinsics)
+        labels = project_array(points, self.annotations.intrinsics)
         surfaces: Surfaces | None = None
         if with_vertices and self.recipe.topology == "mano":
             hands = self.mano_hands()
@@ -174,7 +175,7 @@ class Ho3d(PictureHands):
             return self._table(labels=unknown, landmarks=None, boxes=annotations.boxes)
         truth = load_truth(folder, self.part, annotations, self.recipe.reading.folder)
         return self._table(
-            labels=_project(truth.landmarks, annotations.intrinsics),
+            labels=project_array(truth.landmarks, annotations.intrinsics),
             landmarks=truth.landmarks,
             boxes=annotations.boxes,
             surfaces=truth.surface if with_vertices and self._comparable(truth, folder) else None,
@@ -235,7 +236,7 @@ class Ho3d(PictureHands):
             check_landmarks(path, table.landmarks_3d[kept], names)
         size = _picture_size(self.part.pictures, kept)
         if size is not None:
-            wrists = _project(annotations.points[kept, :1], annotations.intrinsics[kept])
+            wrists = project_array(annotations.points[kept, :1], annotations.intrinsics[kept])
             check_wrists_inside(path, wrists[:, 0], size)
 
 
@@ -253,14 +254,6 @@ def _annotated_rows(part: Ho3dPart, annotations: Annotations) -> Int[np.ndarray,
             f"No frame of {part.list_file} has an annotation: unpack the archive again."
         )
     return kept
-
-
-def _project(
-    points: Float[np.ndarray, "frame point 3"], intrinsics: Float[np.ndarray, "frame 3 3"]
-) -> Float[np.ndarray, "frame point 2"]:
-    """Pixels of the picture: u = K x / z."""
-    on_plane = points / points[..., 2:]
-    return np.asarray((on_plane @ intrinsics.swapaxes(1, 2))[..., :2])
 
 
 def _picture_size(pictures: FramePictures, rows: Int[np.ndarray, " row"]) -> tuple[int, int] | None:

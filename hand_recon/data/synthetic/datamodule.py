@@ -7,6 +7,7 @@ import torch
 
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.selection import evenly_spaced
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.schema import HandParameters
 
@@ -87,5 +88,4 @@ class SyntheticDataModule(HandDataModule):
     def train_parameters(self, limit: int | None = None) -> HandParameters:
         """What made the training pictures."""
         hands = self._split(split="train", size=self._train_size)
-        count = min(limit or len(hands), len(hands))
-        return hands.parameters(torch.arange(count) * len(hands) // count)
+        return hands.parameters(torch.tensor(evenly_spaced(len(hands), limit or len(hands))))

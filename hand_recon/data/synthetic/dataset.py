@@ -139,7 +139,7 @@ class SyntheticHands(Dataset[HandSample]):
         """The surface in the camera's frame, metres, posed from the stored parameters."""
         hand = self._hand or open_hand(self.recipe.landmarks)
         with torch.no_grad():
-            return hand.place(self.parameters(index)).vertices
+            return hand.to_camera(self.parameters(index)).vertices
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the mapping out: pickled, it would carry every pixel to each loader's worker."""

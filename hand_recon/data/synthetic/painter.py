@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hand_recon.camera import project_array
 from hand_recon.data.synthetic.background import sample_background
 from hand_recon.data.synthetic.light import open_sky, sample_lights, shade
 from hand_recon.data.synthetic.recipe import Recipe
@@ -197,7 +198,7 @@ def _camera_rays(
     """
     low, high = np.zeros(2), np.full(2, float(size))
     if vertices[:, 2].min() > 0.01:
-        shown = vertices[:, :2] / vertices[:, 2:] * intrinsics[[0, 1], [0, 1]] + intrinsics[:2, 2]
+        shown = project_array(vertices, intrinsics)
         low = np.clip(np.floor(shown.min(axis=0)) - 1, 0, size - 1)
         high = np.clip(np.ceil(shown.max(axis=0)) + 1, low + 1, size)
     columns, rows = np.arange(int(low[0]), int(high[0])), np.arange(int(low[1]), int(high[1]))

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float, UInt8
 
+from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.painter import paint_picture
@@ -21,7 +22,7 @@ from hand_recon.data.synthetic.surface import (
     with_forearm,
 )
 from hand_recon.data.synthetic.things import front_thing, held_thing
-from hand_recon.data.synthetic.view import View, project, sample_view
+from hand_recon.data.synthetic.view import View, sample_view
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import ROOT_JOINT
@@ -109,10 +110,10 @@ def _view_and_scene(recipe: Recipe, index: int) -> tuple[SyntheticView, _Scene]:
     angles, shape, geometry = _sample_hand(recipe, index)
     landmarks = geometry.landmarks.numpy().astype(float)
     view = sample_view(recipe.random(index, "view"), recipe.level, recipe.crop_size, landmarks)
-    landmarks_3d = view.place(landmarks).astype(np.float32)
+    landmarks_3d = view.to_camera(landmarks).astype(np.float32)
     surfaces = scene_surfaces(recipe, index, geometry, view)
     scene = RayScene(*merged(surfaces))
-    clean = project(landmarks_3d.astype(float), view.intrinsics)
+    clean = project_array(landmarks_3d.astype(float), view.intrinsics)
     depth = depth_behind_surface(scene, landmarks_3d.astype(float), recipe.landmarks)
     labels = sample_labels(
         recipe.random(index, "labels"), recipe.level, clean, depth, recipe.crop_size
@@ -177,7 +178,7 @@ def scene_surfaces(
     if random.random() < level.held_object:
         held = held_thing(random, landmarks, vertices)
         surfaces += [] if held is None else [held]
-    surfaces = [replace(surface, vertices=view.place(surface.vertices)) for surface in surfaces]
+    surfaces = [replace(surface, vertices=view.to_camera(surface.vertices)) for surface in surfaces]
     if random.random() < level.front_object:
-        surfaces.append(front_thing(random, view.place(landmarks)))
+        surfaces.append(front_thing(random, view.to_camera(landmarks)))
     return tuple(surfaces)

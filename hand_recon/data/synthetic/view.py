@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.camera import REFERENCE_SIZE
+from hand_recon.camera import REFERENCE_SIZE, project_array
 from hand_recon.data.synthetic.levels import Level, Range
 
 FACING: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -27,16 +27,9 @@ class View:
     intrinsics: Float[np.ndarray, "3 3"]
     """Of the crop, pixels."""
 
-    def place(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
+    def to_camera(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
         """Points of the hand's frame in the camera's, metres."""
         return points @ self.root_rotation.T + self.translation
-
-
-def project(
-    points: Float[np.ndarray, "point 3"], intrinsics: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "point 2"]:
-    """Pixels of points in the camera's frame."""
-    return (points[:, :2] / points[:, 2:]) @ intrinsics[:2, :2].T + intrinsics[:2, 2]
 
 
 def sample_view(
@@ -114,7 +107,7 @@ def _fit(
     translation = np.array([0.0, 0.0, focal * extent / side])
     for _ in range(8):
         translation[2] = max(translation[2], 0.08 - points[:, 2].min())
-        pixels = project(points + translation, intrinsics)
+        pixels = project_array(points + translation, intrinsics)
         low, high = pixels.min(axis=0), pixels.max(axis=0)
         missed = centre - (low + high) / 2
         translation[:2] += missed * translation[2] / focal

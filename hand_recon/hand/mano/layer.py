@@ -111,7 +111,7 @@ class ManoLayer(nn.Module):
         shape: Float[Tensor, "*batch direction=10"],
         translation: Float[Tensor, "*batch 3"],
     ) -> HandParameters:
-        """The same right hand in this project's parameters: what `HandModel.place` takes.
+        """The same right hand in this project's parameters: what `HandModel.to_camera` takes.
 
         Raises:
             ValueError: This is a left hand, which this project mirrors before it gives it parameters.

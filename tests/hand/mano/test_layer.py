@@ -80,7 +80,7 @@ def test_the_same_hand_in_this_projects_parameters_stands_in_the_same_place(
     folder: Path, layer: ManoLayer, shape: tuple[int, ...]
 ) -> None:
     hand = random_hand(*shape)
-    own, theirs = layer.hand.place(layer.hand_parameters(*hand)), layer(*hand)
+    own, theirs = layer.hand.to_camera(layer.hand_parameters(*hand)), layer(*hand)
     assert_close(own.vertices, theirs.vertices)
     assert_close(own.joints, theirs.joints)
     assert_close(own.landmarks, theirs.landmarks)
@@ -89,7 +89,7 @@ def test_the_same_hand_in_this_projects_parameters_stands_in_the_same_place(
 def test_in_single_precision_the_two_agree_to_a_micrometre(folder: Path) -> None:
     layer = ManoLayer.load(folder)
     hand = ManoParameters(*(0.5 * part.float() for part in random_hand(8)))
-    placed = mano_hand(folder).place(layer.hand_parameters(*hand))
+    placed = mano_hand(folder).to_camera(layer.hand_parameters(*hand))
     assert (placed.vertices - layer(*hand).vertices).abs().max() < 1e-6
 
 
