@@ -39,22 +39,24 @@ def posed_hands(count: int, *, angle_error: float, seed: int = 0) -> tuple[HandP
     axes = torch.tensor([1.0, 0.3, 0.1])
     angles = 0.3 * random(15, 3) * axes
     place = torch.tensor([0.0, 0.0, 0.6])
-    truth = posed(angles, place)
-    return truth, posed(angles + angle_error * random(15, 3) * axes, place + 0.02 * random(1, 3))
+    ground_truth = posed(angles, place)
+    return ground_truth, posed(
+        angles + angle_error * random(15, 3) * axes, place + 0.02 * random(1, 3)
+    )
 
 
-def frame_by_frame(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+def frame_by_frame(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     """FreiHAND's scores the way its script goes about them."""
     pairs = {
         name: (
-            getattr(truth, points).double().numpy(),
+            getattr(ground_truth, points).double().numpy(),
             getattr(prediction, points).double().numpy(),
         )
         for name, points in {"xyz": "landmarks", "mesh": "vertices"}.items()
     }
     errors: dict[str, list[list[float]]] = {}
     agreement: dict[str, list[float]] = {}
-    for frame in range(len(truth)):
+    for frame in range(len(ground_truth)):
         for name, (points, predicted) in pairs.items():
             aligned = reference.align_official(points[frame], predicted[frame])
             for suffix, moved in {"": predicted[frame], "_al": aligned}.items():
@@ -72,9 +74,11 @@ def frame_by_frame(truth: HandPoints, prediction: HandPoints) -> dict[str, float
     return scores
 
 
-def _f_score(truth: NDArray[np.float64], moved: NDArray[np.float64], threshold: float) -> float:
-    recall = np.mean(cKDTree(moved).query(truth)[0] < threshold)
-    precision = np.mean(cKDTree(truth).query(moved)[0] < threshold)
+def _f_score(
+    ground_truth: NDArray[np.float64], moved: NDArray[np.float64], threshold: float
+) -> float:
+    recall = np.mean(cKDTree(moved).query(ground_truth)[0] < threshold)
+    precision = np.mean(cKDTree(ground_truth).query(moved)[0] < threshold)
     total = recall + precision
     return float(2 * recall * precision / total) if total else 0.0
 
@@ -86,11 +90,11 @@ def seconds(run: Callable[[], dict[str, float]]) -> tuple[float, dict[str, float
     return time.process_time() - start, result
 
 
-def all_metrics(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+def all_metrics(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     """Everything `HandMetrics` computes, batch by batch as in an evaluation."""
     metrics = HandMetrics()
-    for index in torch.arange(len(truth)).split(BATCH):
-        metrics.update(prediction[index], truth[index], index)
+    for index in torch.arange(len(ground_truth)).split(BATCH):
+        metrics.update(prediction[index], ground_truth[index], index)
     return metrics.compute()
 
 
@@ -102,17 +106,17 @@ def main() -> None:
     parser.add_argument("--angle-error", type=float, default=0.2, help="radians")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    truth, prediction = posed_hands(arguments.hands, angle_error=arguments.angle_error)
-    all_metrics(truth[:BATCH], prediction[:BATCH])
+    ground_truth, prediction = posed_hands(arguments.hands, angle_error=arguments.angle_error)
+    all_metrics(ground_truth[:BATCH], prediction[:BATCH])
 
-    took, scores = seconds(lambda: all_metrics(truth, prediction))
+    took, scores = seconds(lambda: all_metrics(ground_truth, prediction))
     print(f"all metrics of {arguments.hands} hands: {took:.2f} s")
     print("  " + "  ".join(f"{name} {value:.3f}" for name, value in scores.items()))
     some = slice(0, arguments.compared_hands)
-    slow, expected = seconds(lambda: frame_by_frame(truth[some], prediction[some]))
+    slow, expected = seconds(lambda: frame_by_frame(ground_truth[some], prediction[some]))
     slow *= arguments.hands / arguments.compared_hands
     print(f"frame by frame: {slow:.1f} s; {slow / took:.0f} times as long")
-    actual = freihand_scores(truth[some], prediction[some])
+    actual = freihand_scores(ground_truth[some], prediction[some])
     worst = max(abs(actual[name] - expected[name]) for name in expected)
     print(f"largest difference of FreiHAND's scores: {worst:.1e}")
 

@@ -46,7 +46,7 @@ class Similarity:
 
 
 def fit_similarity(
-    truth: Float[Tensor, "*batch point 3"],
+    ground_truth: Float[Tensor, "*batch point 3"],
     prediction: Float[Tensor, "*batch point 3"],
     *,
     reflections: bool,
@@ -58,48 +58,48 @@ def fit_similarity(
     prediction without extent goes to the ground truth's centroid.
 
     Args:
-        truth: Any unit and frame; the offset makes the last digits depend on the unit.
+        ground_truth: Any unit and frame; the offset makes the last digits depend on the unit.
         prediction: The same points in the same unit.
         reflections: Whether the hand may be mirrored, as the official scripts do.
     """
-    truth, prediction = truth.double(), prediction.double()
-    target, source = truth.mean(dim=-2), prediction.mean(dim=-2)
-    centred_truth = truth - target[..., None, :]
+    ground_truth, prediction = ground_truth.double(), prediction.double()
+    target, source = ground_truth.mean(dim=-2), prediction.mean(dim=-2)
+    centred_ground_truth = ground_truth - target[..., None, :]
     centred_prediction = prediction - source[..., None, :]
-    truth_norm = torch.linalg.matrix_norm(centred_truth) + NORM_OFFSET
+    ground_truth_norm = torch.linalg.matrix_norm(centred_ground_truth) + NORM_OFFSET
     prediction_norm = torch.linalg.matrix_norm(centred_prediction) + NORM_OFFSET
-    correlation = centred_truth.mT @ centred_prediction
-    correlation = correlation / (truth_norm * prediction_norm)[..., None, None]
+    correlation = centred_ground_truth.mT @ centred_prediction
+    correlation = correlation / (ground_truth_norm * prediction_norm)[..., None, None]
     left, stretches, right = torch.linalg.svd(correlation)
     if not reflections:
         # The least important axis is turned round wherever the best fit would be a reflection.
         sign = torch.sign(torch.linalg.det(left @ right))
         stretches = torch.cat([stretches[..., :2], stretches[..., 2:] * sign[..., None]], dim=-1)
         left = torch.cat([left[..., :2], left[..., 2:] * sign[..., None, None]], dim=-1)
-    scale = stretches.sum(dim=-1) * truth_norm / prediction_norm
+    scale = stretches.sum(dim=-1) * ground_truth_norm / prediction_norm
     return Similarity(rotation=left @ right, scale=scale, source=source, target=target)
 
 
 def align_official(
-    truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
+    ground_truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
 ) -> Float[Tensor, "*batch point 3"]:
     """Align as the scripts of FreiHAND, HO3D and DexYCB do: reflections are allowed.
 
     Returns:
         The prediction on the ground truth, in double precision.
     """
-    return fit_similarity(truth, prediction, reflections=True).apply(prediction.double())
+    return fit_similarity(ground_truth, prediction, reflections=True).apply(prediction.double())
 
 
 def align_proper(
-    truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
+    ground_truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
 ) -> Float[Tensor, "*batch point 3"]:
     """Align by rotation, scale and translation only, so that a mirrored hand cannot hide.
 
     Returns:
         The prediction on the ground truth, in double precision.
     """
-    return fit_similarity(truth, prediction, reflections=False).apply(prediction.double())
+    return fit_similarity(ground_truth, prediction, reflections=False).apply(prediction.double())
 
 
 def root_relative(
@@ -110,7 +110,7 @@ def root_relative(
 
 
 def align_scale_translation(
-    truth: Float[Tensor, "*batch landmark=21 3"],
+    ground_truth: Float[Tensor, "*batch landmark=21 3"],
     prediction: Float[Tensor, "*batch landmark=21 3"],
 ) -> Float[Tensor, "*batch landmark=21 3"]:
     """HO3D's alignment: as long from wrist to middle MCP as the ground truth, wrist upon wrist.
@@ -120,11 +120,11 @@ def align_scale_translation(
     Returns:
         The prediction on the ground truth, in double precision.
     """
-    truth, prediction = truth.double(), prediction.double()
+    ground_truth, prediction = ground_truth.double(), prediction.double()
     length = _palm_length(prediction)
     length = torch.where(length > 0, length, torch.ones_like(length))
-    scaled = prediction / length * _palm_length(truth)
-    return scaled - scaled[..., WRIST, None, :] + truth[..., WRIST, None, :]
+    scaled = prediction / length * _palm_length(ground_truth)
+    return scaled - scaled[..., WRIST, None, :] + ground_truth[..., WRIST, None, :]
 
 
 def _palm_length(landmarks: Tensor) -> Tensor:

@@ -32,14 +32,14 @@ HANDS: Final = 32
 
 
 def f_score(
-    truth: Float[Tensor, "hand point 3"],
+    ground_truth: Float[Tensor, "hand point 3"],
     prediction: Float[Tensor, "hand other_point 3"],
     thresholds: tuple[float, ...] = F_THRESHOLDS,
 ) -> Float[Tensor, "hand threshold"]:
     """Harmonic mean of the shares of each surface's points that are near the other surface's.
 
     Args:
-        truth: Ground-truth vertices, metres.
+        ground_truth: Ground-truth vertices, metres.
         prediction: Predicted vertices, metres; their number may differ.
         thresholds: A point is near if it is nearer than this to some point, metres.
 
@@ -47,17 +47,17 @@ def f_score(
         One value per hand and threshold, 0 to 1; zero if no point of either is near the other.
     """
     scores = [
-        _f_score(some_truth.double(), some_prediction.double(), thresholds)
-        for some_truth, some_prediction in zip(
-            truth.split(HANDS), prediction.split(HANDS), strict=True
+        _f_score(some_ground_truth.double(), some_prediction.double(), thresholds)
+        for some_ground_truth, some_prediction in zip(
+            ground_truth.split(HANDS), prediction.split(HANDS), strict=True
         )
     ]
     return torch.cat(scores)
 
 
-def _f_score(truth: Tensor, prediction: Tensor, thresholds: tuple[float, ...]) -> Tensor:
-    centre = truth.mean(dim=1, keepdim=True)
-    centred = ((truth - centre).float(), (prediction - centre).float())
+def _f_score(ground_truth: Tensor, prediction: Tensor, thresholds: tuple[float, ...]) -> Tensor:
+    centre = ground_truth.mean(dim=1, keepdim=True)
+    centred = ((ground_truth - centre).float(), (prediction - centre).float())
     # A hundredth more than the largest threshold: beyond it, distances need not be right.
     reach = 1.01 * max(thresholds)
     nearest = _nearest_squared(*centred, reach)
@@ -65,31 +65,33 @@ def _f_score(truth: Tensor, prediction: Tensor, thresholds: tuple[float, ...]) -
     scores = []
     for threshold in thresholds:
         # Not the centred points: where a distance equals a threshold, every rounding counts.
-        recall = _share_nearer(nearest[0], norms[0], (truth, prediction), threshold)
-        precision = _share_nearer(nearest[1], norms[1], (prediction, truth), threshold)
+        recall = _share_nearer(nearest[0], norms[0], (ground_truth, prediction), threshold)
+        precision = _share_nearer(nearest[1], norms[1], (prediction, ground_truth), threshold)
         total = recall + precision
         scores.append(2 * recall * precision / torch.where(total > 0, total, 1.0))
     return torch.stack(scores, dim=-1)
 
 
-def _nearest_squared(truth: Tensor, prediction: Tensor, reach: float) -> tuple[Tensor, Tensor]:
+def _nearest_squared(
+    ground_truth: Tensor, prediction: Tensor, reach: float
+) -> tuple[Tensor, Tensor]:
     """Squared distances to the nearest point of the other cloud where it is within reach.
 
     Elsewhere they are infinite, or the squared distance to some point out of reach.
     """
-    axis = torch.linalg.eigh(truth.mT @ truth).eigenvectors[..., -1:]
-    along_truth, truth_order = _sort((truth @ axis)[..., 0])
+    axis = torch.linalg.eigh(ground_truth.mT @ ground_truth).eigenvectors[..., -1:]
+    along_ground_truth, ground_truth_order = _sort((ground_truth @ axis)[..., 0])
     along_prediction, prediction_order = _sort((prediction @ axis)[..., 0])
-    rows, columns = _factors(truth, prediction)
-    rows = rows.gather(2, truth_order[:, None].expand_as(rows)).mT.contiguous()
+    rows, columns = _factors(ground_truth, prediction)
+    rows = rows.gather(2, ground_truth_order[:, None].expand_as(rows)).mT.contiguous()
     columns = columns.gather(2, prediction_order[:, None].expand_as(columns))
-    first, last = along_truth[:, ::BLOCK], _last_of_blocks(along_truth)
+    first, last = along_ground_truth[:, ::BLOCK], _last_of_blocks(along_ground_truth)
     starts = torch.searchsorted(along_prediction, (first - reach).contiguous())
     stops = torch.searchsorted(along_prediction, (last + reach).contiguous(), right=True)
     windows = torch.stack([starts, stops], dim=-1).tolist()
-    of_truth, of_prediction = _search(rows.numpy(), columns.numpy(), windows)
+    of_ground_truth, of_prediction = _search(rows.numpy(), columns.numpy(), windows)
     return (
-        torch.empty_like(along_truth).scatter_(-1, truth_order, of_truth),
+        torch.empty_like(along_ground_truth).scatter_(-1, ground_truth_order, of_ground_truth),
         torch.empty_like(along_prediction).scatter_(-1, prediction_order, of_prediction),
     )
 
@@ -108,7 +110,7 @@ def _search(
     thrice.
     """
     count, other_count = rows.shape[1], columns.shape[2]
-    of_truth = np.full((len(rows), count), np.inf, dtype=np.float32)
+    of_ground_truth = np.full((len(rows), count), np.inf, dtype=np.float32)
     of_prediction = np.full((len(rows), other_count), np.inf, dtype=np.float32)
     # One buffer for every product: fresh memory costs more than the arithmetic.
     buffer = np.empty(BLOCK * other_count, dtype=np.float32)
@@ -119,18 +121,20 @@ def _search(
             first, last = block * BLOCK, min((block + 1) * BLOCK, count)
             squared = buffer[: (last - first) * (stop - start)].reshape(last - first, stop - start)
             np.matmul(rows[hand, first:last], columns[hand, :, start:stop], out=squared)
-            np.minimum.reduce(squared, axis=1, out=of_truth[hand, first:last])
+            np.minimum.reduce(squared, axis=1, out=of_ground_truth[hand, first:last])
             window = of_prediction[hand, start:stop]
             np.minimum(window, np.minimum.reduce(squared, axis=0), out=window)
-    return torch.from_numpy(of_truth), torch.from_numpy(of_prediction)
+    return torch.from_numpy(of_ground_truth), torch.from_numpy(of_prediction)
 
 
-def _factors(truth: Tensor, prediction: Tensor) -> tuple[Tensor, Tensor]:
+def _factors(ground_truth: Tensor, prediction: Tensor) -> tuple[Tensor, Tensor]:
     """What multiplies to |x|² + |y|² − 2 x·y: five rows each, one column per point."""
-    truth, prediction = truth.mT, prediction.mT
-    truth_squared = truth.square().sum(dim=1, keepdim=True)
+    ground_truth, prediction = ground_truth.mT, prediction.mT
+    ground_truth_squared = ground_truth.square().sum(dim=1, keepdim=True)
     prediction_squared = prediction.square().sum(dim=1, keepdim=True)
-    rows = torch.cat([truth, truth_squared, torch.ones_like(truth_squared)], dim=1)
+    rows = torch.cat(
+        [ground_truth, ground_truth_squared, torch.ones_like(ground_truth_squared)], dim=1
+    )
     columns = [-2 * prediction, torch.ones_like(prediction_squared), prediction_squared]
     return rows, torch.cat(columns, dim=1)
 

@@ -35,28 +35,28 @@ class HandMetrics(PerSampleMetric):
         self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = self.per_hand()
 
     def update(
-        self, prediction: HandPoints, truth: HandPoints, index: Int[Tensor, " hand"]
+        self, prediction: HandPoints, ground_truth: HandPoints, index: Int[Tensor, " hand"]
     ) -> None:
         """Score a batch.
 
         Args:
             prediction: What was predicted; its vertices are needed where the truth has them.
-            truth: Ground truth; NaN for samples without, no vertices for datasets without.
+            ground_truth: Ground truth; NaN for samples without, no vertices for datasets without.
             index: Position of each sample in its dataset: one that comes twice counts once.
 
         Raises:
             ValueError: A prediction is not finite, or its vertices are absent or do not correspond.
         """
         require_finite("landmarks", prediction.landmarks, index)
-        truth, prediction = truth.double(), prediction.double()
-        known = _known(truth.landmarks)
-        scores = landmark_scores(truth[known], prediction[known])
+        ground_truth, prediction = ground_truth.double(), prediction.double()
+        known = _known(ground_truth.landmarks)
+        scores = landmark_scores(ground_truth[known], prediction[known])
         rows = {"landmarks": _spread(scores, known)}
-        if truth.vertices is not None:
+        if ground_truth.vertices is not None:
             if prediction.vertices is not None:
                 require_finite("vertices", prediction.vertices, index)
-            known = known & _known(truth.vertices)
-            scores = vertex_scores(truth[known], prediction[known])
+            known = known & _known(ground_truth.vertices)
+            scores = vertex_scores(ground_truth[known], prediction[known])
             rows["vertices"] = _spread(scores, known)
         self.record(index, **rows)
 

@@ -15,10 +15,10 @@ AUC_STEPS: Final = 100
 
 
 def point_errors(
-    truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
+    ground_truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
 ) -> Float[Tensor, "*batch point"]:
     """Distance of each point from its ground truth, in the points' unit, double precision."""
-    return torch.linalg.vector_norm(truth.double() - prediction.double(), dim=-1)
+    return torch.linalg.vector_norm(ground_truth.double() - prediction.double(), dim=-1)
 
 
 def auc(errors: Float[Tensor, "*batch point"], limit: float = AUC_LIMIT) -> Float[Tensor, "*batch"]:

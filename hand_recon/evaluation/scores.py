@@ -60,24 +60,26 @@ class HandPoints:
         return type(self)(landmarks=self.landmarks.detach().cpu().double(), vertices=vertices)
 
 
-def landmark_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
+def landmark_scores(
+    ground_truth: HandPoints, prediction: HandPoints
+) -> Float[Tensor, "hand score"]:
     """The columns of `LANDMARK_SCORES`.
 
     E_J and AUC_J follow the official alignment, `_proper` the one without reflections, `_unaligned`
     none. MPJPE is relative to the wrist, neither turned nor scaled, as DexYCB's root-relative
     error.
     """
-    truth, prediction = truth.double(), prediction.double()
+    ground_truth, prediction = ground_truth.double(), prediction.double()
     with _full_precision():
-        aligned = _aligned_scores(truth.landmarks, prediction.landmarks, _errors_and_area)
+        aligned = _aligned_scores(ground_truth.landmarks, prediction.landmarks, _errors_and_area)
         wrist_relative = point_errors(
-            root_relative(truth.landmarks, truth.landmarks[:, WRIST]),
+            root_relative(ground_truth.landmarks, ground_truth.landmarks[:, WRIST]),
             root_relative(prediction.landmarks, prediction.landmarks[:, WRIST]),
         )
     return torch.cat([aligned, wrist_relative.mean(dim=-1, keepdim=True)], dim=-1)
 
 
-def vertex_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
+def vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
     """The columns of `VERTEX_SCORES`.
 
     Named as in `landmark_scores`; the vertices are aligned by themselves. E_RV is relative to the
@@ -86,8 +88,8 @@ def vertex_scores(truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "h
     Raises:
         ValueError: Vertices are absent, or do not correspond.
     """
-    _check_vertices(truth, prediction)
-    chunks = zip(_chunks(truth.double()), _chunks(prediction.double()), strict=True)
+    _check_vertices(ground_truth, prediction)
+    chunks = zip(_chunks(ground_truth.double()), _chunks(prediction.double()), strict=True)
     with _full_precision():
         return torch.cat([_vertex_scores(*chunk) for chunk in chunks])
 
@@ -97,38 +99,40 @@ def _full_precision() -> torch.autocast:
     return torch.autocast("cpu", enabled=False)
 
 
-def _vertex_scores(truth: HandPoints, prediction: HandPoints) -> Tensor:
-    surface, predicted_surface = _surface(truth), _surface(prediction)
+def _vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Tensor:
+    surface, predicted_surface = _surface(ground_truth), _surface(prediction)
     aligned = _aligned_scores(surface, predicted_surface, _errors_area_and_agreement)
     wrist_relative = point_errors(
-        root_relative(surface, truth.landmarks[:, WRIST]),
+        root_relative(surface, ground_truth.landmarks[:, WRIST]),
         root_relative(predicted_surface, prediction.landmarks[:, WRIST]),
     )
     return torch.cat([aligned, wrist_relative.mean(dim=-1, keepdim=True)], dim=-1)
 
 
 def _aligned_scores(
-    truth: Tensor, prediction: Tensor, score: Callable[[Tensor, Tensor], Tensor]
+    ground_truth: Tensor, prediction: Tensor, score: Callable[[Tensor, Tensor], Tensor]
 ) -> Tensor:
     """One kind of scores after the official alignment, the proper one and none, side by side."""
-    official = fit_similarity(truth, prediction, reflections=True)
-    official_scores = score(truth, official.apply(prediction))
+    official = fit_similarity(ground_truth, prediction, reflections=True)
+    official_scores = score(ground_truth, official.apply(prediction))
     # The two fits are one where the official one is no reflection: nearly everywhere.
     proper_scores = official_scores.clone()
     mirrored = official.mirrors
     if mirrored.any():
-        proper = fit_similarity(truth[mirrored], prediction[mirrored], reflections=False)
-        proper_scores[mirrored] = score(truth[mirrored], proper.apply(prediction[mirrored]))
-    return torch.cat([official_scores, proper_scores, score(truth, prediction)], dim=-1)
+        proper = fit_similarity(ground_truth[mirrored], prediction[mirrored], reflections=False)
+        proper_scores[mirrored] = score(ground_truth[mirrored], proper.apply(prediction[mirrored]))
+    return torch.cat([official_scores, proper_scores, score(ground_truth, prediction)], dim=-1)
 
 
-def _errors_and_area(truth: Tensor, prediction: Tensor) -> Tensor:
-    errors = point_errors(truth, prediction)
+def _errors_and_area(ground_truth: Tensor, prediction: Tensor) -> Tensor:
+    errors = point_errors(ground_truth, prediction)
     return torch.stack([errors.mean(dim=-1), auc(errors)], dim=-1)
 
 
-def _errors_area_and_agreement(truth: Tensor, prediction: Tensor) -> Tensor:
-    return torch.cat([_errors_and_area(truth, prediction), f_score(truth, prediction)], dim=-1)
+def _errors_area_and_agreement(ground_truth: Tensor, prediction: Tensor) -> Tensor:
+    return torch.cat(
+        [_errors_and_area(ground_truth, prediction), f_score(ground_truth, prediction)], dim=-1
+    )
 
 
 def _surface(points: HandPoints) -> Tensor:
@@ -141,8 +145,8 @@ def _chunks(points: HandPoints) -> list[HandPoints]:
     return [points[start : start + CHUNK] for start in range(0, max(len(points), 1), CHUNK)]
 
 
-def _check_vertices(truth: HandPoints, prediction: HandPoints) -> None:
-    found, expected = _surface(prediction).shape[1], _surface(truth).shape[1]
+def _check_vertices(ground_truth: HandPoints, prediction: HandPoints) -> None:
+    found, expected = _surface(prediction).shape[1], _surface(ground_truth).shape[1]
     if found != expected:
         raise ValueError(
             f"The prediction has {found} vertices and the ground truth {expected}, so that they do "

@@ -25,7 +25,7 @@ class TestedHands:
 
     prediction: HandPoints
     """Its vertices are there only if they are MANO's."""
-    truth: HandPoints | None
+    ground_truth: HandPoints | None
     """None where the dataset does not tell; without vertices where it has none of this hand."""
 
 
@@ -90,7 +90,7 @@ def predict_test(
     _check_order(places, len(data.dataset("test")), data.name)
     joined = {name: torch.cat(parts) for name, parts in columns.items()}
     prediction = HandPoints(joined["landmarks"], joined.get("vertices"))
-    return TestedHands(prediction, _truth(joined, len(prediction)))
+    return TestedHands(prediction, _ground_truth_of(joined, len(prediction)))
 
 
 def _as_it_is(
@@ -105,7 +105,7 @@ def _as_it_is(
     return points * sign
 
 
-def _truth(joined: dict[str, Tensor], hands: int) -> HandPoints | None:
+def _ground_truth_of(joined: dict[str, Tensor], hands: int) -> HandPoints | None:
     landmarks, vertices = joined.get("true landmarks"), joined.get("true vertices")
     whole = landmarks is not None and len(landmarks) == hands and landmarks.isfinite().all()
     if landmarks is None or not whole:

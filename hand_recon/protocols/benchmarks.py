@@ -60,11 +60,11 @@ class Protocol:
         order = list(landmark_permutation("freihand", self.order))
         return self._moved(points, order, 1 / UNITS[self.unit])
 
-    def scores(self, truth: HandPoints, prediction: HandPoints) -> dict[str, Any]:
+    def scores(self, ground_truth: HandPoints, prediction: HandPoints) -> dict[str, Any]:
         """What the official script computes, under its names and in its units.
 
         Args:
-            truth: In this project's form, metres.
+            ground_truth: In this project's form, metres.
             prediction: The same hands; its vertices correspond.
 
         Returns:
@@ -74,11 +74,11 @@ class Protocol:
             ValueError: Vertices do not correspond.
         """
         if not self.scores_vertices:
-            return self.score(truth, prediction)
-        if truth.vertices is not None and prediction.vertices is not None:
-            return self.score(truth, prediction)
+            return self.score(ground_truth, prediction)
+        if ground_truth.vertices is not None and prediction.vertices is not None:
+            return self.score(ground_truth, prediction)
         # The official function scores some surface in any case; what it says of this one is dropped.
-        scores = self.score(_landmarks_as_surface(truth), _landmarks_as_surface(prediction))
+        scores = self.score(_landmarks_as_surface(ground_truth), _landmarks_as_surface(prediction))
         return {
             name: NOT_MEASURED if name.startswith(("mesh", "f_")) else value
             for name, value in scores.items()

@@ -55,11 +55,11 @@ _HO3D_LANDMARK_NAMES: Final = {
 }
 
 
-def freihand_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+def freihand_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     """The contents of `scores.txt` of FreiHAND's `eval.py`.
 
     Args:
-        truth: Landmarks and vertices, camera frame, metres.
+        ground_truth: Landmarks and vertices, camera frame, metres.
         prediction: The same of the prediction; as many vertices.
 
     Returns:
@@ -68,14 +68,16 @@ def freihand_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, floa
     Raises:
         ValueError: Vertices are absent, or do not correspond.
     """
-    return _renamed(_FREIHAND_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(truth, prediction))
+    return _renamed(
+        _FREIHAND_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(ground_truth, prediction)
+    )
 
 
-def ho3d_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+def ho3d_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     """The contents of `scores.txt` of HO3D's `eval.py`.
 
     Args:
-        truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in HO3D's order
+        ground_truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in HO3D's order
             and axes.
         prediction: The same of the prediction; as many vertices.
 
@@ -85,24 +87,24 @@ def ho3d_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
     Raises:
         ValueError: Vertices are absent, or do not correspond.
     """
-    scores = _renamed(_HO3D_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(truth, prediction))
-    truth, prediction = truth.double(), prediction.double()
-    aligned = align_scale_translation(truth.landmarks, prediction.landmarks)
-    errors = point_errors(truth.landmarks, aligned)
+    scores = _renamed(_HO3D_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(ground_truth, prediction))
+    ground_truth, prediction = ground_truth.double(), prediction.double()
+    aligned = align_scale_translation(ground_truth.landmarks, prediction.landmarks)
+    errors = point_errors(ground_truth.landmarks, aligned)
     return scores | {
         "xyz_scale_trans_al_mean3d": float(errors.mean()) * CENTIMETRES,
         "xyz_scale_trans_al_auc3d": float(auc(errors).mean()),
     }
 
 
-def dexycb_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, dict[str, float]]:
+def dexycb_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, dict[str, float]]:
     """The hand pose evaluation of DexYCB's toolkit: landmarks only, three alignments.
 
     Returns:
         `mpjpe_mm` in millimetres and `auc` from 0 to 1, for each alignment.
     """
     # In millimetres from the start, as the toolkit: an exact zero in one unit is none in the other.
-    landmarks = truth.double().landmarks * MILLIMETRES
+    landmarks = ground_truth.double().landmarks * MILLIMETRES
     predicted = prediction.double().landmarks * MILLIMETRES
     pairs = {
         "absolute": (landmarks, predicted),
@@ -115,13 +117,15 @@ def dexycb_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, dict[s
     return {name: _millimetre_scores(*pair) for name, pair in pairs.items()}
 
 
-def _millimetre_scores(truth: Tensor, prediction: Tensor) -> dict[str, float]:
-    errors = point_errors(truth, prediction)
+def _millimetre_scores(ground_truth: Tensor, prediction: Tensor) -> dict[str, float]:
+    errors = point_errors(ground_truth, prediction)
     return {"mpjpe_mm": float(errors.mean()), "auc": float(auc(errors, limit=50.0).mean())}
 
 
-def _mean_scores(truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    rows = torch.cat([landmark_scores(truth, prediction), vertex_scores(truth, prediction)], dim=-1)
+def _mean_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
+    rows = torch.cat(
+        [landmark_scores(ground_truth, prediction), vertex_scores(ground_truth, prediction)], dim=-1
+    )
     return dict(zip(LANDMARK_SCORES + VERTEX_SCORES, rows.mean(dim=0).tolist(), strict=True))
 
 

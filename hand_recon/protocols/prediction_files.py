@@ -53,7 +53,7 @@ class PointFile:
 class Pair:
     """Predictions beside their ground truth, frame by frame, in the protocol's own form."""
 
-    truth: HandPoints
+    ground_truth: HandPoints
     """Ground truth."""
     prediction: HandPoints
     """Of the same frames; vertices only where both have them."""
@@ -70,34 +70,34 @@ def read_pair(predictions: Path, ground_truth: Path, protocol: Protocol) -> Pair
         FileNotFoundError: A file is not there.
         ValueError: A file is not in its form, or the two do not have the same frames.
     """
-    truth = read_ground_truth(ground_truth, protocol)
+    expected = read_ground_truth(ground_truth, protocol)
     found = read_predictions(predictions, protocol)
-    remarks = list(truth.remarks + found.remarks)
+    remarks = list(expected.remarks + found.remarks)
     if protocol.unit == "mm":
-        found = _of_ids(found, truth.ids, predictions, ground_truth)
-    elif len(found.points) != len(truth.points):
+        found = _of_ids(found, expected.ids, predictions, ground_truth)
+    elif len(found.points) != len(expected.points):
         raise ValueError(
             f"{predictions} has {len(found.points)} frames and the ground truth in {ground_truth} "
-            f"{len(truth.points)}. Predict every frame once, in the order of the ground truth."
+            f"{len(expected.points)}. Predict every frame once, in the order of the ground truth."
         )
     require_finite("landmarks", found.points.landmarks, found.ids)
-    if protocol.frames not in (None, len(truth.points)):
+    if protocol.frames not in (None, len(expected.points)):
         remarks.append(
-            f"{len(truth.points)} frames are scored and not the {protocol.frames} of {protocol.name}: "
+            f"{len(expected.points)} frames are scored and not the {protocol.frames} of {protocol.name}: "
             "these are not the numbers of the official test set."
         )
     mesh = found.points.vertices
     if mesh is not None:
         require_finite("vertices", mesh, found.ids)
-    return _with_common_vertices(truth.points, found.points, remarks, protocol)
+    return _with_common_vertices(expected.points, found.points, remarks, protocol)
 
 
 def _with_common_vertices(
-    truth: HandPoints, found: HandPoints, remarks: list[str], protocol: Protocol
+    ground_truth: HandPoints, found: HandPoints, remarks: list[str], protocol: Protocol
 ) -> Pair:
-    mesh, expected = found.vertices, truth.vertices
+    mesh, expected = found.vertices, ground_truth.vertices
     if not protocol.scores_vertices:
-        return Pair(HandPoints(truth.landmarks), HandPoints(found.landmarks), tuple(remarks))
+        return Pair(HandPoints(ground_truth.landmarks), HandPoints(found.landmarks), tuple(remarks))
     reason = None
     if mesh is None:
         reason = "The predictions have no vertices"
@@ -109,9 +109,9 @@ def _with_common_vertices(
             "which do not correspond"
         )
     if reason is None:
-        return Pair(truth, found, tuple(remarks), mesh)
+        return Pair(ground_truth, found, tuple(remarks), mesh)
     remarks.append(f"{reason}: landmarks alone are scored, and the surface's scores are -1.")
-    landmarks = HandPoints(truth.landmarks), HandPoints(found.landmarks)
+    landmarks = HandPoints(ground_truth.landmarks), HandPoints(found.landmarks)
     # Fewer points than landmarks are no surface: the lint would compare hands with them in vain.
     surface = mesh if mesh is not None and mesh.shape[1] > 21 else None
     return Pair(*landmarks, tuple(remarks), surface)

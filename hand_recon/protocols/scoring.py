@@ -53,13 +53,16 @@ def score_predictions(request: Request) -> dict[str, Any]:
             )
     protocol = request.protocol
     pair = read_pair(request.predictions, request.ground_truth, protocol)
-    truth, prediction = protocol.to_internal(pair.truth), protocol.to_internal(pair.prediction)
-    official = protocol.scores(truth, prediction)
-    findings = lint(pair.truth, pair.prediction, protocol, pair.predicted_vertices)
-    _print(official, _ours(official, truth, prediction), pair, findings)
+    ground_truth, prediction = (
+        protocol.to_internal(pair.ground_truth),
+        protocol.to_internal(pair.prediction),
+    )
+    official = protocol.scores(ground_truth, prediction)
+    findings = lint(pair.ground_truth, pair.prediction, protocol, pair.predicted_vertices)
+    _print(official, _ours(official, ground_truth, prediction), pair, findings)
     result = {
         **official,
-        "frames": len(truth),
+        "frames": len(ground_truth),
         "remarks": list(pair.remarks),
         "lint": [asdict(finding) for finding in findings],
     }
@@ -102,8 +105,10 @@ def submit(
     return paths
 
 
-def _ours(official: dict[str, Any], truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    rows = landmark_scores(truth, prediction).mean(dim=0).tolist()
+def _ours(
+    official: dict[str, Any], ground_truth: HandPoints, prediction: HandPoints
+) -> dict[str, float]:
+    rows = landmark_scores(ground_truth, prediction).mean(dim=0).tolist()
     scores = dict(zip(LANDMARK_SCORES, rows, strict=True))
     unaligned = 1000 * scores["E_J_unaligned"], 1000 * scores["MPJPE"]
     return report_scores(official, 1000 * scores["E_J_proper"], unaligned)

@@ -11,14 +11,14 @@ import pytest
 import torch
 from omegaconf import DictConfig, open_dict
 
-from hand_recon.evaluate import evaluate
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
 from hand_recon.protocols.benchmarks import PROTOCOLS
 from hand_recon.protocols.scoring import submit
 from hand_recon.protocols.submission import write_submission
-from tests.protocols.test_official import SCORES, golden_hands
-from tests.runs.test_configuration import composed
+from hand_recon.runs.evaluation_run import evaluate
+from tests.support.configurations import composed
+from tests.support.golden import SCORES, golden_hands
 from tests.support.predicted_hands import noisy, true_hands, write_ground_truth
 
 
@@ -29,21 +29,23 @@ def settings(folder: Path, *overrides: str) -> DictConfig:
     return config
 
 
-def files(tmp_path: Path, name: str, truth: HandPoints, prediction: HandPoints) -> tuple[str, ...]:
+def files(
+    tmp_path: Path, name: str, ground_truth: HandPoints, prediction: HandPoints
+) -> tuple[str, ...]:
     protocol = PROTOCOLS[name]
     if name == "dexycb":
         # In metres, as FreiHAND's: DexYCB publishes no file of its ground truth.
-        write_ground_truth(tmp_path / "truth", truth, PROTOCOLS["freihand"])
+        write_ground_truth(tmp_path / "truth", ground_truth, PROTOCOLS["freihand"])
     else:
-        write_ground_truth(tmp_path / "truth", truth, protocol)
+        write_ground_truth(tmp_path / "truth", ground_truth, protocol)
     path = write_submission(protocol, prediction, tmp_path)[0]
-    return f"predictions={path}", f"protocol={name}", f"ground_truth={tmp_path / 'truth'}"
+    return f"predictions={path}", f"protocol={name}", f"ground_truth={tmp_path / 'ground_truth'}"
 
 
 def test_the_golden_predictions_have_the_official_scores(tmp_path: Path) -> None:
     """Not rounded as a submission is: the arrays' own digits, mistaken by nobody."""
-    truth, prediction = golden_hands("noise")
-    write_ground_truth(tmp_path / "truth", truth, PROTOCOLS["freihand"])
+    ground_truth, prediction = golden_hands("noise")
+    write_ground_truth(tmp_path / "truth", ground_truth, PROTOCOLS["freihand"])
     assert prediction.vertices is not None
     lists = [prediction.landmarks.tolist(), prediction.vertices.tolist()]
     (tmp_path / "pred.json").write_text(json.dumps(lists))
@@ -51,7 +53,7 @@ def test_the_golden_predictions_have_the_official_scores(tmp_path: Path) -> None
     found = evaluate(
         settings(
             tmp_path, f"predictions={tmp_path / 'pred.json'}", "protocol=freihand",
-            f"ground_truth={tmp_path / 'truth'}", f"output={output}", "threads=1",
+            f"ground_truth={tmp_path / 'ground_truth'}", f"output={output}", "threads=1",
         )
     )  # fmt: skip
     written = json.loads(output.read_text())
@@ -60,17 +62,19 @@ def test_the_golden_predictions_have_the_official_scores(tmp_path: Path) -> None
     official = SCORES["noise"]["freihand"]
     assert {key: round(written[key], 6) for key in official} == official
     assert written.keys() - official.keys() == {"frames", "remarks", "lint"}
-    assert written["frames"] == len(truth)
+    assert written["frames"] == len(ground_truth)
 
 
 @pytest.mark.parametrize("name", ["freihand", "ho3d_v3", "dexycb"])
 def test_a_submission_is_scored_in_its_own_form(
     name: str, hand: HandModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = true_hands(hand, 8)
-    prediction = noisy(truth, 0.005)
-    found = evaluate(settings(tmp_path, *files(tmp_path, name, truth, prediction), "threads=1"))
-    for key, value in PROTOCOLS[name].scores(truth, prediction).items():
+    ground_truth = true_hands(hand, 8)
+    prediction = noisy(ground_truth, 0.005)
+    found = evaluate(
+        settings(tmp_path, *files(tmp_path, name, ground_truth, prediction), "threads=1")
+    )
+    for key, value in PROTOCOLS[name].scores(ground_truth, prediction).items():
         assert found[key] == pytest.approx(value, rel=0.02)
     assert found["lint"] == []
     printed = capsys.readouterr().out
@@ -82,9 +86,11 @@ def test_a_submission_is_scored_in_its_own_form(
 def test_a_mistake_is_printed_and_written(
     hand: HandModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = true_hands(hand, 8)
-    wrong = HandPoints(truth.landmarks * torch.tensor([1.0, -1.0, -1.0]))
-    found = evaluate(settings(tmp_path, *files(tmp_path, "freihand", truth, wrong), "threads=1"))
+    ground_truth = true_hands(hand, 8)
+    wrong = HandPoints(ground_truth.landmarks * torch.tensor([1.0, -1.0, -1.0]))
+    found = evaluate(
+        settings(tmp_path, *files(tmp_path, "freihand", ground_truth, wrong), "threads=1")
+    )
     assert [finding["kind"] for finding in found["lint"]] == ["axes"]
     printed = capsys.readouterr().out
     assert "Mistake (certain): Your hands look to be in OpenGL's axes" in printed
@@ -95,18 +101,24 @@ def test_a_mistake_is_printed_and_written(
 def test_a_mirrored_hand_shows_its_proper_error(
     hand: HandModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth = true_hands(hand, 8)
-    wrong = HandPoints(truth.landmarks * torch.tensor([-1.0, 1.0, 1.0]))
-    evaluate(settings(tmp_path, *files(tmp_path, "freihand", truth, wrong), "threads=1"))
+    ground_truth = true_hands(hand, 8)
+    wrong = HandPoints(ground_truth.landmarks * torch.tensor([-1.0, 1.0, 1.0]))
+    evaluate(settings(tmp_path, *files(tmp_path, "freihand", ground_truth, wrong), "threads=1"))
     assert "E_J_proper: " in capsys.readouterr().out
 
 
 def test_an_output_is_not_overwritten(hand: HandModel, tmp_path: Path) -> None:
-    truth = true_hands(hand, 3)
+    ground_truth = true_hands(hand, 3)
     output = tmp_path / "mine.json"
     output.write_text("mine")
     with pytest.raises(FileExistsError, match=r"mine.json exists"):
-        evaluate(settings(tmp_path, *files(tmp_path, "freihand", truth, truth), f"output={output}"))
+        evaluate(
+            settings(
+                tmp_path,
+                *files(tmp_path, "freihand", ground_truth, ground_truth),
+                f"output={output}",
+            )
+        )
     assert output.read_text() == "mine"
 
 
@@ -130,17 +142,19 @@ def test_what_is_missing_or_too_much_is_said(
 def test_a_test_set_is_submitted(
     hand: HandModel, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    truth = true_hands(hand, 3)
+    ground_truth = true_hands(hand, 3)
     with caplog.at_level(logging.INFO):
-        paths = submit("ho3d_v3", truth.landmarks, truth.vertices, tmp_path / "submission")
+        paths = submit(
+            "ho3d_v3", ground_truth.landmarks, ground_truth.vertices, tmp_path / "submission"
+        )
     assert [path.name for path in paths] == ["pred.json", "pred.zip"]
     assert "pred.zip" in caplog.text
 
 
 @pytest.mark.slow
 def test_the_command_line_leaves_one_folder(hand: HandModel, tmp_path: Path) -> None:
-    truth = true_hands(hand, 3)
-    arguments = files(tmp_path / "files", "freihand", truth, truth)
+    ground_truth = true_hands(hand, 3)
+    arguments = files(tmp_path / "files", "freihand", ground_truth, ground_truth)
     command = [sys.executable, "-m", "hand_recon.evaluate", *arguments, "threads=1"]
     done = subprocess.run(command, check=True, cwd=tmp_path, capture_output=True, text=True)  # noqa: S603
     assert "xyz_al_mean3d: 0.00" in done.stdout

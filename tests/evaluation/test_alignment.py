@@ -37,13 +37,13 @@ def rotation(seed: int) -> Tensor:
 @pytest.mark.parametrize("name", ALIGNMENTS)
 @pytest.mark.parametrize("batch", BATCH_SHAPES)
 def test_agrees_with_scipy_hand_by_hand(name: str, batch: tuple[int, ...]) -> None:
-    truth, prediction = cloud(*batch, 21), cloud(*batch, 21, seed=1) + 0.6
+    ground_truth, prediction = cloud(*batch, 21), cloud(*batch, 21, seed=1) + 0.6
     twin = getattr(reference, f"align_{name}")
-    pairs = zip(truth.reshape(-1, 21, 3), prediction.reshape(-1, 21, 3), strict=True)
+    pairs = zip(ground_truth.reshape(-1, 21, 3), prediction.reshape(-1, 21, 3), strict=True)
     expected = np.stack([twin(t.numpy(), p.numpy()) for t, p in pairs]).reshape(*batch, 21, 3)
     # The offset of 1e-8 on the norms moves the last digits; only the official twin has it.
     tolerance = 1e-12 if name == "official" else 1e-6
-    actual = ALIGNMENTS[name](truth, prediction)
+    actual = ALIGNMENTS[name](ground_truth, prediction)
     torch.testing.assert_close(actual, torch.from_numpy(expected), rtol=0, atol=tolerance)
 
 
@@ -57,57 +57,65 @@ def test_agrees_with_scipy_hand_by_hand(name: str, batch: tuple[int, ...]) -> No
 def test_agrees_with_scipy_on_any_pair_of_clouds(
     seed: int, points: int, noise: float, mirrored: bool, scale: float
 ) -> None:
-    truth = cloud(points, seed=seed)
+    ground_truth = cloud(points, seed=seed)
     mirror = torch.tensor([-1.0 if mirrored else 1.0, 1.0, 1.0], dtype=torch.float64)
-    prediction = scale * (truth + noise * cloud(points, seed=seed + 1)) * mirror
-    expected = reference.align_official(truth.numpy(), prediction.numpy())
-    actual = align_official(truth, prediction)
+    prediction = scale * (ground_truth + noise * cloud(points, seed=seed + 1)) * mirror
+    expected = reference.align_official(ground_truth.numpy(), prediction.numpy())
+    actual = align_official(ground_truth, prediction)
     torch.testing.assert_close(actual, torch.from_numpy(expected), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("align", ALIGNMENTS.values(), ids=ALIGNMENTS)
 def test_a_similarity_of_the_prediction_changes_nothing(align: Alignment) -> None:
-    truth, prediction = cloud(5, 21), cloud(5, 21, seed=1)
+    ground_truth, prediction = cloud(5, 21), cloud(5, 21, seed=1)
     moved = 3.0 * prediction @ rotation(2) + torch.tensor([0.1, -2.0, 0.6], dtype=torch.float64)
-    torch.testing.assert_close(align(truth, moved), align(truth, prediction), rtol=0, atol=1e-7)
+    torch.testing.assert_close(
+        align(ground_truth, moved), align(ground_truth, prediction), rtol=0, atol=1e-7
+    )
 
 
 @pytest.mark.parametrize("align", ALIGNMENTS.values(), ids=ALIGNMENTS)
 def test_aligning_twice_is_aligning_once_up_to_scale(align: Alignment) -> None:
-    truth, prediction = cloud(5, 21), cloud(5, 21, seed=1)
-    once = align(truth, prediction)
-    torch.testing.assert_close(align(truth, once), once, rtol=0, atol=1e-7)
+    ground_truth, prediction = cloud(5, 21), cloud(5, 21, seed=1)
+    once = align(ground_truth, prediction)
+    torch.testing.assert_close(align(ground_truth, once), once, rtol=0, atol=1e-7)
 
 
 def test_a_mirrored_hand_is_perfect_officially_and_bad_properly() -> None:
-    truth = cloud(4, 21)
-    mirrored = truth * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
-    assert point_errors(truth, align_official(truth, mirrored)).max() < 1e-7
-    assert (point_errors(truth, align_proper(truth, mirrored)).mean(dim=-1) > 0.01).all()
-    assert fit_similarity(truth, mirrored, reflections=True).mirrors.all()
-    assert not fit_similarity(truth, mirrored, reflections=False).mirrors.any()
+    ground_truth = cloud(4, 21)
+    mirrored = ground_truth * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
+    assert point_errors(ground_truth, align_official(ground_truth, mirrored)).max() < 1e-7
+    assert (
+        point_errors(ground_truth, align_proper(ground_truth, mirrored)).mean(dim=-1) > 0.01
+    ).all()
+    assert fit_similarity(ground_truth, mirrored, reflections=True).mirrors.all()
+    assert not fit_similarity(ground_truth, mirrored, reflections=False).mirrors.any()
 
 
 def test_the_two_alignments_are_one_for_a_good_prediction() -> None:
-    truth = cloud(50, 21)
-    prediction = truth + cloud(50, 21, seed=1, size=0.002)
-    assert torch.equal(align_official(truth, prediction), align_proper(truth, prediction))
+    ground_truth = cloud(50, 21)
+    prediction = ground_truth + cloud(50, 21, seed=1, size=0.002)
+    assert torch.equal(
+        align_official(ground_truth, prediction), align_proper(ground_truth, prediction)
+    )
 
 
 def test_proper_alignment_is_the_best_of_all_rotations() -> None:
-    truth, prediction = cloud(21), cloud(21, seed=1)
-    best = fit_similarity(truth, prediction, reflections=False)
-    error = (truth - best.apply(prediction)).square().sum()
+    ground_truth, prediction = cloud(21), cloud(21, seed=1)
+    best = fit_similarity(ground_truth, prediction, reflections=False)
+    error = (ground_truth - best.apply(prediction)).square().sum()
     for seed in range(200):
         turned = (prediction - best.source) @ rotation(seed) * best.scale + best.target
-        assert (truth - turned).square().sum() >= error
+        assert (ground_truth - turned).square().sum() >= error
 
 
 @pytest.mark.parametrize("align", ALIGNMENTS.values(), ids=ALIGNMENTS)
 def test_a_prediction_without_extent_goes_to_the_centre(align: Alignment) -> None:
-    truth = cloud(3, 21)
-    aligned = align(truth, torch.full((3, 21, 3), 0.7, dtype=torch.float64))
-    torch.testing.assert_close(aligned, truth.mean(dim=1, keepdim=True).expand_as(truth))
+    ground_truth = cloud(3, 21)
+    aligned = align(ground_truth, torch.full((3, 21, 3), 0.7, dtype=torch.float64))
+    torch.testing.assert_close(
+        aligned, ground_truth.mean(dim=1, keepdim=True).expand_as(ground_truth)
+    )
 
 
 @pytest.mark.parametrize("align", ALIGNMENTS.values(), ids=ALIGNMENTS)
@@ -131,14 +139,14 @@ def test_root_relative_puts_the_root_at_the_origin() -> None:
 
 
 def test_scale_and_translation_do_not_turn_the_hand() -> None:
-    truth = cloud(2, 21)
-    turned = 2.5 * truth @ rotation(1) + 0.3
-    aligned = align_scale_translation(truth, turned)
-    expected = (truth - truth[:, :1]) @ rotation(1) + truth[:, :1]
+    ground_truth = cloud(2, 21)
+    turned = 2.5 * ground_truth @ rotation(1) + 0.3
+    aligned = align_scale_translation(ground_truth, turned)
+    expected = (ground_truth - ground_truth[:, :1]) @ rotation(1) + ground_truth[:, :1]
     assert_close(aligned, expected)
 
 
 def test_scale_and_translation_of_one_point_is_the_wrist() -> None:
-    truth = cloud(21)
-    aligned = align_scale_translation(truth, torch.zeros(21, 3))
-    assert_close(aligned, truth[:1].expand(21, 3))
+    ground_truth = cloud(21)
+    aligned = align_scale_translation(ground_truth, torch.zeros(21, 3))
+    assert_close(aligned, ground_truth[:1].expand(21, 3))

@@ -11,11 +11,11 @@ from hand_recon.evaluation.f_score import BLOCK, F_THRESHOLDS, f_score
 from tests.support import reference
 
 
-def twin(truth: Tensor, prediction: Tensor) -> Tensor:
+def twin(ground_truth: Tensor, prediction: Tensor) -> Tensor:
     return torch.tensor(
         [
             [reference.f_score(t, p, threshold) for threshold in F_THRESHOLDS]
-            for t, p in zip(truth.double().numpy(), prediction.double().numpy(), strict=True)
+            for t, p in zip(ground_truth.double().numpy(), prediction.double().numpy(), strict=True)
         ],
         dtype=torch.float64,
     )
@@ -37,59 +37,61 @@ def test_agrees_with_brute_force(
 ) -> None:
     random = np.random.default_rng(seed)
     size = random.uniform(0.002, 0.08, size=3)
-    truth = torch.from_numpy(random.normal(size=(2, count, 3)) * size)
-    picked = truth[:, random.integers(count, size=other_count)]
+    ground_truth = torch.from_numpy(random.normal(size=(2, count, 3)) * size)
+    picked = ground_truth[:, random.integers(count, size=other_count)]
     prediction = picked + noise * torch.from_numpy(random.normal(size=picked.shape)) + offset
-    exactly(f_score(truth, prediction), twin(truth, prediction))
+    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
 
 
 def test_single_precision_points_get_double_precision_counts() -> None:
-    truth = torch.rand(3, 778, 3) * 0.1
-    prediction = truth + 0.01 * torch.randn(3, 778, 3)
-    exactly(f_score(truth, prediction), twin(truth, prediction))
+    ground_truth = torch.rand(3, 778, 3) * 0.1
+    prediction = ground_truth + 0.01 * torch.randn(3, 778, 3)
+    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
 
 
 @pytest.mark.parametrize("threshold", F_THRESHOLDS)
 def test_a_distance_equal_to_the_threshold_does_not_count(threshold: float) -> None:
     # From the origin, so that the shift is not rounded.
-    truth = torch.zeros(1, 1, 3, dtype=torch.float64)
+    ground_truth = torch.zeros(1, 1, 3, dtype=torch.float64)
     shift = torch.tensor([threshold, 0.0, 0.0], dtype=torch.float64)
-    assert float(f_score(truth, truth + shift, (threshold,))) == 0.0
+    assert float(f_score(ground_truth, ground_truth + shift, (threshold,))) == 0.0
     nearer = shift * (1 - 1e-12)
-    assert float(f_score(truth, truth + nearer, (threshold,))) == 1.0
+    assert float(f_score(ground_truth, ground_truth + nearer, (threshold,))) == 1.0
 
 
 def test_a_constant_shift_by_the_threshold_is_decided_in_double_precision() -> None:
-    truth = torch.rand(2, 400, 3, dtype=torch.float64) * 0.3
-    prediction = truth + torch.tensor([0.0, 0.005, 0.0], dtype=torch.float64)
-    exactly(f_score(truth, prediction), twin(truth, prediction))
+    ground_truth = torch.rand(2, 400, 3, dtype=torch.float64) * 0.3
+    prediction = ground_truth + torch.tensor([0.0, 0.005, 0.0], dtype=torch.float64)
+    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
 
 
 def test_half_the_points_each_way() -> None:
     # Of four predicted points two are right, and they cover one of two true ones: 2 · ½ · ½ / 1.
-    truth = torch.tensor([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    ground_truth = torch.tensor([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
     prediction = torch.tensor(
         [[[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.1, 0.0]]]
     )
-    assert f_score(truth, prediction).tolist() == [[0.5, 0.5]]
+    assert f_score(ground_truth, prediction).tolist() == [[0.5, 0.5]]
 
 
 def test_surfaces_far_apart_score_zero() -> None:
-    truth = torch.rand(1, 778, 3) * 0.1
-    assert f_score(truth, truth + 10).tolist() == [[0.0, 0.0]]
+    ground_truth = torch.rand(1, 778, 3) * 0.1
+    assert f_score(ground_truth, ground_truth + 10).tolist() == [[0.0, 0.0]]
 
 
 def test_it_is_symmetric_and_blind_to_the_order_of_points() -> None:
-    truth = torch.rand(2, 500, 3, dtype=torch.float64) * 0.1
+    ground_truth = torch.rand(2, 500, 3, dtype=torch.float64) * 0.1
     prediction = torch.rand(2, 600, 3, dtype=torch.float64) * 0.1
-    scores = f_score(truth, prediction)
-    exactly(f_score(prediction, truth), scores)
-    exactly(f_score(truth[:, torch.randperm(500)], prediction[:, torch.randperm(600)]), scores)
+    scores = f_score(ground_truth, prediction)
+    exactly(f_score(prediction, ground_truth), scores)
+    exactly(
+        f_score(ground_truth[:, torch.randperm(500)], prediction[:, torch.randperm(600)]), scores
+    )
 
 
 def test_a_collapsed_prediction_stays_finite() -> None:
-    truth = torch.rand(2, 778, 3) * 0.1
-    assert f_score(truth, torch.zeros(2, 778, 3)).isfinite().all()
+    ground_truth = torch.rand(2, 778, 3) * 0.1
+    assert f_score(ground_truth, torch.zeros(2, 778, 3)).isfinite().all()
     assert f_score(torch.zeros(2, 778, 3), torch.zeros(2, 778, 3)).tolist() == [[1.0, 1.0]] * 2
 
 

@@ -26,9 +26,13 @@ def hands(count: int, *, seed: int = 0, noise: float = 0.0, surface: bool = True
     return HandPoints(points[:, :21], points[:, 21:] if surface else None)
 
 
-def measure(prediction: HandPoints, truth: HandPoints, index: Tensor | None = None) -> HandMetrics:
+def measure(
+    prediction: HandPoints, ground_truth: HandPoints, index: Tensor | None = None
+) -> HandMetrics:
     metrics = HandMetrics()
-    metrics.update(prediction, truth, torch.arange(len(truth)) if index is None else index)
+    metrics.update(
+        prediction, ground_truth, torch.arange(len(ground_truth)) if index is None else index
+    )
     return metrics
 
 
@@ -44,13 +48,13 @@ def approx(expected: dict[str, float]) -> object:
 
 
 def test_every_number_is_the_twins() -> None:
-    truth, prediction = hands(6), hands(6, noise=0.008)
-    actual = measure(prediction, truth).compute()
-    assert truth.vertices is not None
+    ground_truth, prediction = hands(6), hands(6, noise=0.008)
+    actual = measure(prediction, ground_truth).compute()
+    assert ground_truth.vertices is not None
     assert prediction.vertices is not None
     pairs = {
-        "J": (truth.landmarks.double().numpy(), prediction.landmarks.double().numpy()),
-        "V": (truth.vertices.double().numpy(), prediction.vertices.double().numpy()),
+        "J": (ground_truth.landmarks.double().numpy(), prediction.landmarks.double().numpy()),
+        "V": (ground_truth.vertices.double().numpy(), prediction.vertices.double().numpy()),
     }
     expected: dict[str, float] = {}
     wrists = (pairs["J"][0][:, :1], pairs["J"][1][:, :1])
@@ -77,10 +81,12 @@ def test_every_number_is_the_twins() -> None:
 
 
 def test_ten_millimetres_aside_cost_ten_only_without_alignment() -> None:
-    truth = hands(3)
-    assert truth.vertices is not None
+    ground_truth = hands(3)
+    assert ground_truth.vertices is not None
     shift = torch.tensor([0.01, 0.0, 0.0])
-    scores = measure(HandPoints(truth.landmarks + shift, truth.vertices + shift), truth).compute()
+    scores = measure(
+        HandPoints(ground_truth.landmarks + shift, ground_truth.vertices + shift), ground_truth
+    ).compute()
     assert scores["E_J_unaligned"] == pytest.approx(10, abs=1e-3)
     assert scores["AUC_J_unaligned"] == pytest.approx(0.80303, abs=1e-5)
     for name in ("E_J", "E_J_proper", "MPJPE", "E_V", "E_RV"):
@@ -88,10 +94,12 @@ def test_ten_millimetres_aside_cost_ten_only_without_alignment() -> None:
 
 
 def test_a_mirrored_hand_cannot_hide() -> None:
-    truth = hands(4)
-    assert truth.vertices is not None
+    ground_truth = hands(4)
+    assert ground_truth.vertices is not None
     mirror = torch.tensor([-1.0, 1.0, 1.0])
-    scores = measure(HandPoints(truth.landmarks * mirror, truth.vertices * mirror), truth).compute()
+    scores = measure(
+        HandPoints(ground_truth.landmarks * mirror, ground_truth.vertices * mirror), ground_truth
+    ).compute()
     assert scores["E_J"] < 1e-3
     assert scores["F@5"] == 1
     assert scores["E_J_proper"] > 5
@@ -107,33 +115,33 @@ def test_perfect_predictions_are_perfect_in_every_metric() -> None:
 
 
 def test_the_order_and_the_batching_of_samples_do_not_matter() -> None:
-    truth, prediction = hands(7), hands(7, noise=0.01)
-    expected = measure(prediction, truth).compute()
+    ground_truth, prediction = hands(7), hands(7, noise=0.01)
+    expected = measure(prediction, ground_truth).compute()
     metrics = HandMetrics()
     for part in torch.randperm(7).split(3):
-        metrics.update(prediction[part], truth[part], part)
+        metrics.update(prediction[part], ground_truth[part], part)
     assert metrics.compute() == approx(expected)
 
 
 def test_a_sample_that_comes_twice_counts_once() -> None:
-    truth, prediction = hands(5), hands(5, noise=0.01)
+    ground_truth, prediction = hands(5), hands(5, noise=0.01)
     padded = torch.tensor([0, 1, 2, 3, 4, 0, 1, 1])
-    metrics = measure(prediction[padded], truth[padded], padded + 100)
-    assert metrics.compute() == approx(measure(prediction, truth).compute())
+    metrics = measure(prediction[padded], ground_truth[padded], padded + 100)
+    assert metrics.compute() == approx(measure(prediction, ground_truth).compute())
 
 
 def test_two_processes_merge_to_what_one_computes() -> None:
-    truth, prediction = hands(5), hands(5, noise=0.01)
+    ground_truth, prediction = hands(5), hands(5, noise=0.01)
     first, second = torch.tensor([0, 2, 4]), torch.tensor([1, 3, 0])
-    merged = measure(prediction[first], truth[first], first)
-    other = measure(prediction[second], truth[second], second)
+    merged = measure(prediction[first], ground_truth[first], first)
+    other = measure(prediction[second], ground_truth[second], second)
     merged._reduce_states(other.metric_state)
-    assert merged.compute() == approx(measure(prediction, truth).compute())
+    assert merged.compute() == approx(measure(prediction, ground_truth).compute())
 
 
 def test_different_samples_under_one_index_are_refused() -> None:
-    truth, prediction = hands(2), hands(2, noise=0.01)
-    metrics = measure(prediction, truth, torch.tensor([7, 7]))
+    ground_truth, prediction = hands(2), hands(2, noise=0.01)
+    metrics = measure(prediction, ground_truth, torch.tensor([7, 7]))
     with pytest.raises(ValueError, match=r"samples 7 came twice .* one metric per dataset"):
         metrics.compute()
 
@@ -153,21 +161,21 @@ def test_a_mixture_with_and_without_surfaces_is_refused() -> None:
 
 
 def test_samples_without_ground_truth_are_left_out_and_counted() -> None:
-    truth, prediction = hands(5), hands(5, noise=0.01)
-    expected = measure(prediction[:3], truth[:3]).compute()
-    assert truth.vertices is not None
-    truth.landmarks[3] = float("nan")
-    truth.vertices[3:] = float("nan")
-    truth.landmarks[4, 20, 2] = float("nan")
-    metrics = measure(prediction, truth)
+    ground_truth, prediction = hands(5), hands(5, noise=0.01)
+    expected = measure(prediction[:3], ground_truth[:3]).compute()
+    assert ground_truth.vertices is not None
+    ground_truth.landmarks[3] = float("nan")
+    ground_truth.vertices[3:] = float("nan")
+    ground_truth.landmarks[4, 20, 2] = float("nan")
+    metrics = measure(prediction, ground_truth)
     with pytest.warns(UserWarning, match="2 of 5 samples have no ground truth"):
         assert metrics.compute() == approx(expected)
 
 
 def test_without_any_ground_truth_there_are_no_numbers() -> None:
-    truth = HandPoints(torch.full((2, 21, 3), float("nan")))
+    ground_truth = HandPoints(torch.full((2, 21, 3), float("nan")))
     with pytest.warns(UserWarning, match="2 of 2 samples"):
-        assert measure(hands(2), truth).compute() == {}
+        assert measure(hands(2), ground_truth).compute() == {}
 
 
 def test_a_prediction_that_is_no_number_names_its_samples() -> None:
@@ -183,33 +191,33 @@ def test_a_prediction_that_is_no_number_names_its_samples() -> None:
 
 
 def test_another_mesh_is_refused_with_the_cure() -> None:
-    truth, prediction = hands(2), hands(2)
+    ground_truth, prediction = hands(2), hands(2)
     assert prediction.vertices is not None
     other = HandPoints(prediction.landmarks, prediction.vertices[:, :-1])
     with pytest.raises(ValueError, match=r"59 vertices and the ground truth 60, .*hand=mano"):
-        measure(other, truth)
+        measure(other, ground_truth)
     with pytest.raises(ValueError, match="without vertices"):
-        measure(HandPoints(prediction.landmarks), truth)
+        measure(HandPoints(prediction.landmarks), ground_truth)
 
 
 def test_it_survives_pickling_and_resets() -> None:
-    truth, prediction = hands(4), hands(4, noise=0.01)
-    metrics = measure(prediction, truth)
+    ground_truth, prediction = hands(4), hands(4, noise=0.01)
+    metrics = measure(prediction, ground_truth)
     expected = metrics.compute()
     copy = pickle.loads(pickle.dumps(metrics))  # noqa: S301  # our own bytes
     assert copy.compute() == expected
     metrics.reset()
-    metrics.update(prediction[:2], truth[:2], torch.arange(2))
-    assert metrics.compute() == approx(measure(prediction[:2], truth[:2]).compute())
+    metrics.update(prediction[:2], ground_truth[:2], torch.arange(2))
+    assert metrics.compute() == approx(measure(prediction[:2], ground_truth[:2]).compute())
 
 
 def test_a_forward_call_scores_its_batch_and_remembers_it() -> None:
-    truth, prediction = hands(4), hands(4, noise=0.01)
+    ground_truth, prediction = hands(4), hands(4, noise=0.01)
     metrics = HandMetrics()
-    first = metrics(prediction[:2], truth[:2], torch.arange(2))
-    metrics(prediction[2:], truth[2:], torch.arange(2, 4))
-    assert first == approx(measure(prediction[:2], truth[:2]).compute())
-    assert metrics.compute() == approx(measure(prediction, truth).compute())
+    first = metrics(prediction[:2], ground_truth[:2], torch.arange(2))
+    metrics(prediction[2:], ground_truth[2:], torch.arange(2, 4))
+    assert first == approx(measure(prediction[:2], ground_truth[:2]).compute())
+    assert metrics.compute() == approx(measure(prediction, ground_truth).compute())
 
 
 def _score_on_one_of_two_processes(rank: int, port: int, samples: list[list[int]]) -> None:
@@ -217,17 +225,17 @@ def _score_on_one_of_two_processes(rank: int, port: int, samples: list[list[int]
     torch.distributed.init_process_group(
         "gloo", init_method=f"tcp://127.0.0.1:{port}", rank=rank, world_size=2
     )
-    truth, prediction = hands(5), hands(5, noise=0.01)
+    ground_truth, prediction = hands(5), hands(5, noise=0.01)
     metrics = HandMetrics()
     mine = torch.tensor(samples[rank], dtype=torch.int64)
     if len(mine):
-        metrics.update(prediction[mine], truth[mine], mine)
+        metrics.update(prediction[mine], ground_truth[mine], mine)
     else:
         metrics._update_count = 1
     scores = metrics.compute()
     local = HandMetrics()
     local.sync_on_compute = local._to_sync = False
-    local.update(prediction, truth, torch.arange(5))
+    local.update(prediction, ground_truth, torch.arange(5))
     assert scores == approx(local.compute())
     torch.distributed.destroy_process_group()
 
@@ -244,7 +252,7 @@ def test_two_real_processes_compute_what_one_does(samples: list[list[int]]) -> N
 
 
 def test_a_trainers_mixed_precision_does_not_reach_the_scores() -> None:
-    truth, prediction = hands(3), hands(3, noise=0.008)
-    expected = measure(prediction, truth).compute()
+    ground_truth, prediction = hands(3), hands(3, noise=0.008)
+    expected = measure(prediction, ground_truth).compute()
     with torch.autocast("cpu", torch.bfloat16):
-        assert measure(prediction, truth).compute() == expected
+        assert measure(prediction, ground_truth).compute() == expected

@@ -14,17 +14,18 @@ from torch import nn
 from hand_recon.data.annotated_dataset import PictureHands, PictureRecipe
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataModule
-from hand_recon.evaluate import evaluate
 from hand_recon.protocols.benchmark_predictions import predict_test
 from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
 from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.rehearsal.ho3d import Ho3dFolder, write_ho3d_layout
+from hand_recon.runs.evaluation_run import evaluate
+from hand_recon.runs.training_run import train
 from hand_recon.schema import HandBatch
-from hand_recon.train import train
-from tests.commands.test_train import SMALL, pytestmark, settings
-from tests.data.test_annotated_dataset import annotated
+from tests.support.annotated_images import annotated
+from tests.support.configurations import settings
+from tests.support.small_runs import LIGHTNING_WARNINGS, SMALL
 
-__all__ = ["pytestmark"]
+pytestmark = LIGHTNING_WARNINGS
 
 
 class Oracle(nn.Module):
@@ -41,14 +42,14 @@ def dots(root: Path) -> HandDataModule:
 
 
 def test_left_hands_are_left_again(tmp_path: Path) -> None:
-    truth = annotated(tmp_path).landmarks_3d
-    assert truth is not None
+    ground_truth = annotated(tmp_path).landmarks_3d
+    assert ground_truth is not None
     found = predict_test(Oracle(), dots(tmp_path), "mano")
-    np.testing.assert_allclose(found.prediction.landmarks, truth, atol=1e-6)
+    np.testing.assert_allclose(found.prediction.landmarks, ground_truth, atol=1e-6)
     assert found.prediction.vertices is not None
-    np.testing.assert_allclose(found.prediction.vertices, truth[:, :5], atol=1e-6)
-    assert found.truth is not None
-    assert torch.equal(found.truth.landmarks, found.prediction.landmarks)
+    np.testing.assert_allclose(found.prediction.vertices, ground_truth[:, :5], atol=1e-6)
+    assert found.ground_truth is not None
+    assert torch.equal(found.ground_truth.landmarks, found.prediction.landmarks)
 
 
 def test_vertices_of_another_hand_than_mano_are_not_for_benchmarks(tmp_path: Path) -> None:
@@ -110,10 +111,10 @@ def test_the_file_scores_what_the_checkpoint_scores(
     error = official["procrustes"]["mpjpe_mm"] if aligned is None else 10 * aligned
     assert error == pytest.approx(metrics["test"]["E_J"], rel=1e-5)
     # DexYCB's truth has no file: it is taken from the dataset.
-    truth = data if name == "dexycb" else [f"ground_truth={folder / name}"]
+    ground_truth = data if name == "dexycb" else [f"ground_truth={folder / name}"]
     written = tmp_path / "run" / "submission" / file
     again = scored(
-        folder, tmp_path / "file", f"predictions={written}", f"protocol={protocol}", *truth
+        folder, tmp_path / "file", f"predictions={written}", f"protocol={protocol}", *ground_truth
     )
     for key, value in official.items():
         # To the files' digits: 0.1 mm for HO3D.
@@ -126,8 +127,8 @@ def test_wrists_go_where_ho3d_tells_them_to_be(folder: Path, tmp_path: Path) -> 
     # Centimetres; a hand of one epoch is far from where it belongs, but for its wrist.
     assert official["xyz_mean3d"] < 15
     landmarks, _ = json.loads((tmp_path / "run" / "submission" / "pred.json").read_text())
-    truth = json.loads((folder / "ho3d" / "evaluation_xyz.json").read_text())
-    np.testing.assert_allclose(np.array(landmarks)[:, 0], np.array(truth)[:, 0], atol=1e-4)
+    ground_truth = json.loads((folder / "ho3d" / "evaluation_xyz.json").read_text())
+    np.testing.assert_allclose(np.array(landmarks)[:, 0], np.array(ground_truth)[:, 0], atol=1e-4)
 
 
 @pytest.mark.parametrize(

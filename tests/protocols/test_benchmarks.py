@@ -5,7 +5,7 @@ from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.protocols.benchmarks import PROTOCOLS, protocol_named, report_scores
-from tests.protocols.test_official import SCORES, golden_hands
+from tests.support.golden import SCORES, golden_hands
 from tests.support.predicted_hands import noisy, true_hands
 from tests.support.tolerance import assert_close
 
@@ -38,20 +38,20 @@ def test_dexycb_is_in_millimetres() -> None:
 def test_scores_in_a_files_form_are_the_official_ones(name: str, key: str, case: str) -> None:
     """Golden hands through the file's order, axes and unit and back."""
     protocol = PROTOCOLS[name]
-    truth, prediction = (
+    ground_truth, prediction = (
         protocol.to_internal(protocol.from_internal(points)) for points in golden_hands(case)
     )
-    scores = protocol.scores(truth, prediction)
+    scores = protocol.scores(ground_truth, prediction)
     assert {name: round(value, 6) for name, value in scores.items()} == SCORES[case][key]
 
 
 def test_without_a_mesh_its_scores_are_minus_one_and_the_landmarks_are_unchanged(
     hand: HandModel,
 ) -> None:
-    truth = true_hands(hand, 3)
-    prediction = noisy(truth, 0.01)
-    whole = PROTOCOLS["freihand"].scores(truth, prediction)
-    alone = PROTOCOLS["freihand"].scores(truth, HandPoints(prediction.landmarks))
+    ground_truth = true_hands(hand, 3)
+    prediction = noisy(ground_truth, 0.01)
+    whole = PROTOCOLS["freihand"].scores(ground_truth, prediction)
+    alone = PROTOCOLS["freihand"].scores(ground_truth, HandPoints(prediction.landmarks))
     assert alone.keys() == whole.keys()
     for name, value in alone.items():
         assert value == (whole[name] if name.startswith("xyz") else -1)

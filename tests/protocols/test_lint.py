@@ -31,9 +31,9 @@ def looked_at(
     hand: HandModel, protocol: Protocol, change: Callable[[HandPoints], HandPoints]
 ) -> tuple[Finding, ...]:
     """What is found in good predictions (5 mm on every coordinate) after a change of the file."""
-    truth = true_hands(hand, COUNT, seed=1)
-    file = change(protocol.from_internal(noisy(truth, 0.005)))
-    return lint(protocol.from_internal(truth), file, protocol)
+    ground_truth = true_hands(hand, COUNT, seed=1)
+    file = change(protocol.from_internal(noisy(ground_truth, 0.005)))
+    return lint(protocol.from_internal(ground_truth), file, protocol)
 
 
 ORDERS = [
@@ -61,13 +61,14 @@ def test_every_order_that_is_in_use_is_recognised(
 
 
 def test_the_scores_before_and_after_are_those_of_the_files(hand: HandModel) -> None:
-    truth = true_hands(hand, COUNT)
-    prediction = noisy(truth, 0.005)
+    ground_truth = true_hands(hand, COUNT)
+    prediction = noisy(ground_truth, 0.005)
     wrong = changed(prediction, in_order("freihand", "ho3d"), lambda mesh: mesh)
-    (found,) = lint(truth, wrong, FREIHAND)
+    (found,) = lint(ground_truth, wrong, FREIHAND)
     column = LANDMARK_SCORES.index("E_J")
     now, mended = (
-        1000 * float(landmark_scores(truth, file)[:, column].mean()) for file in (wrong, prediction)
+        1000 * float(landmark_scores(ground_truth, file)[:, column].mean())
+        for file in (wrong, prediction)
     )
     assert (found.score_now, found.score_if_mended) == pytest.approx((now, mended))
     assert f"in HO3D's order: E_J {now:.1f} -> {mended:.1f} mm if you reorder them" in found.message
@@ -190,25 +191,25 @@ def test_a_mistake_is_called_by_its_name_with_its_cure(hand: HandModel, name: st
 
 
 def test_shuffled_frames_are_found_if_the_predictions_are_good(hand: HandModel) -> None:
-    truth = true_hands(hand, COUNT)
+    ground_truth = true_hands(hand, COUNT)
     order = torch.randperm(COUNT)
-    (found,) = lint(truth, noisy(truth, 0.002)[order], FREIHAND)
+    (found,) = lint(ground_truth, noisy(ground_truth, 0.002)[order], FREIHAND)
     assert found.kind == "frame_order"
     assert "shuffled" in found.message
     assert "ground truth of frame" in found.message
 
 
 def test_shuffled_bad_predictions_are_only_told_to_be_unrelated(hand: HandModel) -> None:
-    truth = true_hands(hand, COUNT)
-    (found,) = lint(truth, noisy(truth, 0.01)[torch.randperm(COUNT)], FREIHAND)
+    ground_truth = true_hands(hand, COUNT)
+    (found,) = lint(ground_truth, noisy(ground_truth, 0.01)[torch.randperm(COUNT)], FREIHAND)
     assert (found.kind, found.confidence) == ("unrelated", "note")
 
 
 def test_a_mesh_about_another_origin_is_noted_even_without_a_true_one(hand: HandModel) -> None:
-    truth = true_hands(hand, COUNT)
-    assert truth.vertices is not None
-    landmarks = HandPoints(truth.landmarks)
-    (found,) = lint(landmarks, landmarks, FREIHAND, truth.vertices + 0.1)
+    ground_truth = true_hands(hand, COUNT)
+    assert ground_truth.vertices is not None
+    landmarks = HandPoints(ground_truth.landmarks)
+    (found,) = lint(landmarks, landmarks, FREIHAND, ground_truth.vertices + 0.1)
     assert (found.kind, found.confidence) == ("joints_and_vertices", "note")
 
 

@@ -18,48 +18,48 @@ FREIHAND, HO3D, DEXYCB = (PROTOCOLS[name] for name in ("freihand", "ho3d_v3", "d
 COUNT = 40
 
 
-def mean_pose(truth: HandPoints) -> HandPoints:
-    mean = mean_pose_baseline(truth)
+def mean_pose(ground_truth: HandPoints) -> HandPoints:
+    mean = mean_pose_baseline(ground_truth)
     assert mean.vertices is not None
-    count = len(truth)
+    count = len(ground_truth)
     return HandPoints(
         mean.landmarks.expand(count, -1, -1).clone(), mean.vertices.expand(count, -1, -1).clone()
     )
 
 
-def turned_mean_pose(truth: HandPoints) -> HandPoints:
+def turned_mean_pose(ground_truth: HandPoints) -> HandPoints:
     """The mean pose where each hand is, turned as it is: a method that sees the view alone."""
-    mean = mean_pose(truth)
-    fit = fit_similarity(truth.landmarks, mean.landmarks, reflections=False)
+    mean = mean_pose(ground_truth)
+    fit = fit_similarity(ground_truth.landmarks, mean.landmarks, reflections=False)
     return changed(mean, fit.apply)
 
 
-def halfway(truth: HandPoints) -> HandPoints:
-    mean = turned_mean_pose(truth)
-    return HandPoints((truth.landmarks + mean.landmarks) / 2)
+def halfway(ground_truth: HandPoints) -> HandPoints:
+    mean = turned_mean_pose(ground_truth)
+    return HandPoints((ground_truth.landmarks + mean.landmarks) / 2)
 
 
-def root_relative(truth: HandPoints) -> HandPoints:
-    wrist = truth.landmarks[:, :1]
-    return noisy(changed(truth, lambda points: points - wrist), 0.005)
+def root_relative(ground_truth: HandPoints) -> HandPoints:
+    wrist = ground_truth.landmarks[:, :1]
+    return noisy(changed(ground_truth, lambda points: points - wrist), 0.005)
 
 
 BAD_BUT_RIGHT: dict[str, Callable[[HandPoints], HandPoints]] = {
-    "perfect": lambda truth: truth,
-    "5 mm": lambda truth: noisy(truth, 0.005),
-    "20 mm": lambda truth: noisy(truth, 0.02),
-    "40 mm": lambda truth: noisy(truth, 0.04),
+    "perfect": lambda ground_truth: ground_truth,
+    "5 mm": lambda ground_truth: noisy(ground_truth, 0.005),
+    "20 mm": lambda ground_truth: noisy(ground_truth, 0.02),
+    "40 mm": lambda ground_truth: noisy(ground_truth, 0.04),
     "mean pose": mean_pose,
-    "mean pose before the camera": lambda truth: changed(mean_pose(truth), lambda points: points + 0.5),
+    "mean pose before the camera": lambda ground_truth: changed(mean_pose(ground_truth), lambda points: points + 0.5),
     "turned mean pose": turned_mean_pose,
     "halfway to the mean": halfway,
     "root-relative": root_relative,
-    "no extent": lambda truth: changed(truth, torch.zeros_like),
-    "a canonical turn": lambda truth: changed(
-        truth, fit_similarity(truth.landmarks[:1].expand_as(truth.landmarks), truth.landmarks,
+    "no extent": lambda ground_truth: changed(ground_truth, torch.zeros_like),
+    "a canonical turn": lambda ground_truth: changed(
+        ground_truth, fit_similarity(ground_truth.landmarks[:1].expand_as(ground_truth.landmarks), ground_truth.landmarks,
                               reflections=False).apply,
     ),
-    "a fifth too small": lambda truth: changed(truth, lambda points: 0.8 * points),
+    "a fifth too small": lambda ground_truth: changed(ground_truth, lambda points: 0.8 * points),
 }  # fmt: skip
 
 
@@ -69,9 +69,9 @@ def test_a_file_without_mistakes_raises_no_alarm_however_bad_it_is(
     hand: HandModel, name: str, count: int
 ) -> None:
     for seed, protocol in enumerate((FREIHAND, HO3D, DEXYCB, FREIHAND)):
-        truth = true_hands(hand, count, seed)
-        file = protocol.from_internal(BAD_BUT_RIGHT[name](truth))
-        assert mistakes(lint(protocol.from_internal(truth), file, protocol)) == []
+        ground_truth = true_hands(hand, count, seed)
+        file = protocol.from_internal(BAD_BUT_RIGHT[name](ground_truth))
+        assert mistakes(lint(protocol.from_internal(ground_truth), file, protocol)) == []
 
 
 @pytest.mark.parametrize(
@@ -79,12 +79,12 @@ def test_a_file_without_mistakes_raises_no_alarm_however_bad_it_is(
     [("mean pose", "constant"), ("root-relative", "root_relative"), ("no extent", "no_extent")],
 )
 def test_what_limits_the_scores_is_noted(hand: HandModel, name: str, kind: str) -> None:
-    truth = true_hands(hand, COUNT)
-    findings = lint(truth, BAD_BUT_RIGHT[name](truth), FREIHAND)
+    ground_truth = true_hands(hand, COUNT)
+    findings = lint(ground_truth, BAD_BUT_RIGHT[name](ground_truth), FREIHAND)
     assert kind in [finding.kind for finding in findings]
     assert all(finding.score_if_mended is None for finding in findings)
 
 
 def test_good_predictions_are_not_noted_at_all(hand: HandModel) -> None:
-    truth = true_hands(hand, COUNT)
-    assert lint(truth, noisy(truth, 0.005), FREIHAND) == ()
+    ground_truth = true_hands(hand, COUNT)
+    assert lint(ground_truth, noisy(ground_truth, 0.005), FREIHAND) == ()

@@ -106,15 +106,15 @@ def test_a_zip_of_something_else_says_what_it_holds(tmp_path: Path) -> None:
         read_predictions(tmp_path / "pred.zip", FREIHAND)
 
 
-def truth_and(tmp_path: Path, text: str, count: int = 30) -> tuple[Path, Path]:
-    truth = HandPoints(torch.from_numpy(points()), torch.from_numpy(points(count=count)))
-    write_ground_truth(tmp_path / "truth", truth, FREIHAND)
+def ground_truth_and(tmp_path: Path, text: str, count: int = 30) -> tuple[Path, Path]:
+    ground_truth = HandPoints(torch.from_numpy(points()), torch.from_numpy(points(count=count)))
+    write_ground_truth(tmp_path / "truth", ground_truth, FREIHAND)
     (tmp_path / "pred.json").write_text(text)
     return tmp_path / "pred.json", tmp_path / "truth"
 
 
 def test_another_number_of_frames_names_both(tmp_path: Path) -> None:
-    paths = truth_and(tmp_path, pred(points(3), points(3, 30)))
+    paths = ground_truth_and(tmp_path, pred(points(3), points(3, 30)))
     with pytest.raises(ValueError, match=r"pred.json has 3 frames and the ground truth in .* 4"):
         read_pair(*paths, FREIHAND)
 
@@ -123,21 +123,21 @@ def test_the_frames_that_are_not_finite_are_named(tmp_path: Path) -> None:
     landmarks = points()
     landmarks[2, 5, 1] = np.nan
     with pytest.raises(ValueError, match=r"landmarks of the samples 2 are not finite"):
-        read_pair(*truth_and(tmp_path, pred(landmarks, [])), FREIHAND)
+        read_pair(*ground_truth_and(tmp_path, pred(landmarks, [])), FREIHAND)
     vertices = points(count=30)
     vertices[3, 5, 1] = np.inf
     with pytest.raises(ValueError, match=r"vertices of the samples 3 are not finite"):
-        read_pair(*truth_and(tmp_path, pred(points(), vertices)), FREIHAND)
+        read_pair(*ground_truth_and(tmp_path, pred(points(), vertices)), FREIHAND)
 
 
 def test_frames_of_another_number_than_the_official_one_are_remarked(tmp_path: Path) -> None:
-    pair = read_pair(*truth_and(tmp_path, pred(points(), points(count=30))), FREIHAND)
+    pair = read_pair(*ground_truth_and(tmp_path, pred(points(), points(count=30))), FREIHAND)
     assert any("4 frames are scored and not the 3960" in remark for remark in pair.remarks)
     assert pair.prediction.vertices is not None
 
 
 def test_a_mesh_of_another_count_is_left_out_aloud(tmp_path: Path) -> None:
-    pair = read_pair(*truth_and(tmp_path, pred(points(), points(count=29))), FREIHAND)
+    pair = read_pair(*ground_truth_and(tmp_path, pred(points(), points(count=29))), FREIHAND)
     assert pair.prediction.vertices is None
     assert pair.predicted_vertices is not None
     assert any("29 vertices and the ground truth 30" in remark for remark in pair.remarks)
@@ -172,7 +172,7 @@ def test_dexycb_takes_the_annotated_ids_from_any_order_and_leaves_others(tmp_pat
     )
     pair = read_pair(tmp_path / "mine.txt", tmp_path / "truth.txt", DEXYCB)
     np.testing.assert_array_equal(pair.prediction.landmarks.numpy(), points()[[3, 2, 0]])
-    np.testing.assert_array_equal(pair.truth.landmarks.numpy(), 1000 * true[[0, 2, 3]])
+    np.testing.assert_array_equal(pair.ground_truth.landmarks.numpy(), 1000 * true[[0, 2, 3]])
 
 
 def test_dexycb_names_the_first_missing_ids(tmp_path: Path) -> None:

@@ -35,11 +35,11 @@ def test_what_is_written_is_read_again_up_to_the_rounding(
 def test_rounding_changes_no_error_by_a_hundredth_of_a_millimetre(
     name: str, hand: HandModel, tmp_path: Path
 ) -> None:
-    protocol, truth = PROTOCOLS[name], true_hands(hand, 100)
-    prediction = noisy(truth, 0.003)
+    protocol, ground_truth = PROTOCOLS[name], true_hands(hand, 100)
+    prediction = noisy(ground_truth, 0.003)
     path = write_submission(protocol, prediction, tmp_path)[0]
     read = protocol.to_internal(read_predictions(path, protocol).points)
-    exact, rounded = protocol.scores(truth, prediction), protocol.scores(truth, read)
+    exact, rounded = protocol.scores(ground_truth, prediction), protocol.scores(ground_truth, read)
     if name == "dexycb":
         for alignment, values in exact.items():
             assert abs(values["mpjpe_mm"] - rounded[alignment]["mpjpe_mm"]) < 0.01

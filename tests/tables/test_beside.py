@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from hand_recon.report import report
+from hand_recon.runs.tables_run import report
 from hand_recon.tables.conditions import differences
 from hand_recon.tables.published import TABLE_3A, TABLE_3B, TABLES_2
 from hand_recon.tables.runs import flattened
-from tests.commands.test_report import asked, write_run
+from tests.support.runs_on_disk import report_config, write_run
 
 PAPERS: dict[str, Any] = {
     "crop_size": 224,
@@ -102,7 +102,7 @@ def test_a_run_with_the_papers_settings_stands_below_its_row_without_a_differenc
     for seed, error in enumerate((8.0, 9.0)):
         config = settings("table2_freihand", seed)
         run(tmp_path / f"runs/{seed}", config, {"E_J": error, "E_V": 9.5}, "freihand")
-    told = report(asked(tmp_path / "runs", tmp_path / "out"))
+    told = report(report_config(tmp_path / "runs", tmp_path / "out"))
     assert told["tables"] == ["Table 2: FreiHAND"]
     table = lines(tmp_path / "out", "2_freihand")
     assert [line["source"] for line in table] == ["paper"] * 6 + ["ours"]
@@ -139,7 +139,7 @@ def test_each_other_condition_is_named_alone(
 ) -> None:
     config = settings("anything", **changes)
     run(tmp_path / "runs/a", config, {"E_J": 8.0}, "freihand", hands)
-    report(asked(tmp_path / "runs", tmp_path / "out"))
+    report(report_config(tmp_path / "runs", tmp_path / "out"))
     ours = lines(tmp_path / "out", "2_freihand")[-1]
     assert (ours["method"], ours["differs"]) == ("ours, anything", words)
 
@@ -165,7 +165,7 @@ def test_what_was_not_recorded_is_unknown_rather_than_equal() -> None:
 def test_runs_on_other_data_are_in_no_table_2(tmp_path: Path) -> None:
     config = settings("ablation_row5")
     run(tmp_path / "runs/a", config, {"E_J": 8.0}, "synthetic", 1000)
-    assert report(asked(tmp_path / "runs", tmp_path / "out"))["tables"] == []
+    assert report(report_config(tmp_path / "runs", tmp_path / "out"))["tables"] == []
     assert not (tmp_path / "out" / "tables2_3.csv").exists()
     assert "Table 2" not in (tmp_path / "out" / "table1.md").read_text()
 
@@ -185,7 +185,7 @@ def test_priors_on_synthetic_views_stand_beside_the_papers_and_say_where_they_ar
     ):  # fmt: skip
         config = settings(name, **lifter, **changes)
         run(tmp_path / "runs" / name, config, {"E_J": error}, "views", 1000)
-    told = report(asked(tmp_path / "runs", tmp_path / "out"))
+    told = report(report_config(tmp_path / "runs", tmp_path / "out"))
     assert told["tables"] == ["Table 3 (a): knowledge against a prior from 3D data, on DexYCB"]
     table = lines(tmp_path / "out", "3a")
     assert [(line["method"], line["E_J_mean"]) for line in table] == [
@@ -207,7 +207,7 @@ def test_the_discriminator_of_the_paper_has_seen_freihand(tmp_path: Path) -> Non
     for name, more in (("table3a_adversarial", source), ("own_hands", {})):
         config = settings(name, **ADVERSARIAL, **more)
         run(tmp_path / "runs" / name, config, {"E_J": 8.0}, "dexycb", 78_000)
-    report(asked(tmp_path / "runs", tmp_path / "out"))
+    report(report_config(tmp_path / "runs", tmp_path / "out"))
     differs = {line["method"]: line["differs"] for line in lines(tmp_path / "out", "3a")}
     assert differs["ours, table3a_adversarial"] == ""
     assert differs["ours, own_hands"] == "real hands of other data than FreiHAND"
@@ -228,7 +228,7 @@ def test_shares_of_3d_labels_stand_below_the_share_that_they_repeat(tmp_path: Pa
     ):  # fmt: skip
         config = settings(name, **changes)
         run(tmp_path / "runs" / name, config, {"E_J": 8.0, "E_RV": 20.0}, "freihand")
-    report(asked(tmp_path / "runs", tmp_path / "out"))
+    report(report_config(tmp_path / "runs", tmp_path / "out"))
     table = lines(tmp_path / "out", "3b")
     assert [(line["method"], line["differs"]) for line in table if line["source"] == "ours"] == [
         ("ours, table3b_100", ""),
@@ -249,7 +249,7 @@ def test_shares_of_3d_labels_stand_below_the_share_that_they_repeat(tmp_path: Pa
 def test_a_study_without_a_row_of_table_1_does_not_show_the_papers_five(tmp_path: Path) -> None:
     config = settings("table2_ho3d")
     run(tmp_path / "runs/a", config, {"E_J": 8.0, "AUC_J": 0.8}, "ho3d", 20_137)
-    report(asked(tmp_path / "runs", tmp_path / "out"))
+    report(report_config(tmp_path / "runs", tmp_path / "out"))
     text = (tmp_path / "out" / "table1.md").read_text()
     assert "No Knowledge" not in text
     assert "Experiments that Table 1 does not have" in text

@@ -33,7 +33,7 @@ FEWEST: Final = 4
 class Hands:
     """The frames that are looked at, in FreiHAND's order, OpenCV's axes and metres as far as is known."""
 
-    truth: Float[Tensor, "hand landmark=21 3"]
+    ground_truth: Float[Tensor, "hand landmark=21 3"]
     """Ground truth."""
     prediction: Float[Tensor, "hand landmark=21 3"]
     """Of the same frames, mended as far as mistakes were found."""
@@ -58,19 +58,19 @@ class Suspicion:
 
 
 def shape_error(
-    truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
+    ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> Float[Tensor, " hand"]:
     """Mean error after rotation, scale and translation, but no reflection, metres."""
-    return point_errors(truth, align_proper(truth, prediction)).mean(dim=-1)
+    return point_errors(ground_truth, align_proper(ground_truth, prediction)).mean(dim=-1)
 
 
 def turned_error(
-    truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
+    ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> Float[Tensor, " hand"]:
     """Mean error after translation and one scale for all hands, but no rotation, metres."""
     centred = prediction - prediction.mean(dim=1, keepdim=True)
-    scaled = centred / size_ratio(truth, prediction)
-    return point_errors(truth - truth.mean(dim=1, keepdim=True), scaled).mean(dim=-1)
+    scaled = centred / size_ratio(ground_truth, prediction)
+    return point_errors(ground_truth - ground_truth.mean(dim=1, keepdim=True), scaled).mean(dim=-1)
 
 
 def sizes(points: Float[Tensor, "hand point 3"]) -> Float[Tensor, " hand"]:
@@ -80,10 +80,10 @@ def sizes(points: Float[Tensor, "hand point 3"]) -> Float[Tensor, " hand"]:
 
 
 def size_ratio(
-    truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
+    ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> float:
     """How many times too large the predicted hands are: the median over frames."""
-    return float((sizes(prediction) / sizes(truth)).median())
+    return float((sizes(prediction) / sizes(ground_truth)).median())
 
 
 def is_constant(prediction: Float[Tensor, "hand point 3"]) -> bool:

@@ -63,12 +63,12 @@ class Finding:
 
 
 def lint(
-    truth: HandPoints, prediction: HandPoints, protocol: Protocol, mesh: Tensor | None = None
+    ground_truth: HandPoints, prediction: HandPoints, protocol: Protocol, mesh: Tensor | None = None
 ) -> tuple[Finding, ...]:
     """Look for mistakes in predictions of at least one frame.
 
     Args:
-        truth: Ground truth in the protocol's own form.
+        ground_truth: Ground truth in the protocol's own form.
         prediction: As the file has it, in what should be that form; finite.
         protocol: Whose form.
         mesh: The file's vertices, also where there are no true ones: frames × vertices × 3.
@@ -76,21 +76,21 @@ def lint(
     Returns:
         Mistakes, the costliest first, then notes; none for a file without mistakes, however bad it is.
     """
-    all_truth, all_hands = (
+    all_ground_truth, all_hands = (
         protocol.to_internal(HandPoints(points.landmarks)).double().landmarks
-        for points in (truth, prediction)
+        for points in (ground_truth, prediction)
     )
-    place = spread_evenly(len(all_truth), MOST)
-    hands = Hands(all_truth[place], all_hands[place])
+    place = spread_evenly(len(all_ground_truth), MOST)
+    hands = Hands(all_ground_truth[place], all_hands[place])
     if float(sizes(hands.prediction).median()) < POINT:
         found = "Most of your predictions are a single point, which no alignment can enlarge"
         return _scored([Suspicion("no_extent", found, confidence="note")], hands, hands)
     pixels = flat(hands)
     if pixels is not None:
         return _scored([pixels], hands, hands)
-    mended, suspicions = _mended(hands, all_truth, protocol)
-    repeated = None if is_one_hand(suspicions) else repeated_frames(all_truth, all_hands)
-    found_in_mesh = _of_the_mesh(hands, mended, (truth, prediction, mesh), protocol)
+    mended, suspicions = _mended(hands, all_ground_truth, protocol)
+    repeated = None if is_one_hand(suspicions) else repeated_frames(all_ground_truth, all_hands)
+    found_in_mesh = _of_the_mesh(hands, mended, (ground_truth, prediction, mesh), protocol)
     suspicions += [some for some in (repeated, *found_in_mesh) if some is not None]
     return _scored(suspicions, hands, mended)
 
@@ -101,14 +101,14 @@ def is_one_hand(suspicions: list[Suspicion]) -> bool:
 
 
 def _mended(
-    hands: Hands, all_truth: Float[Tensor, "frame landmark=21 3"], protocol: Protocol
+    hands: Hands, all_ground_truth: Float[Tensor, "frame landmark=21 3"], protocol: Protocol
 ) -> tuple[Hands, list[Suspicion]]:
     """Mend one thing after the other, the form before its place."""
     suspicions: list[Suspicion | None] = [constant_note(hands)]
     steps: list[Callable[[Hands], tuple[Hands, Suspicion | None]]] = [
         lambda some: wrong_unit(some, protocol),
         lambda some: wrong_order(some, protocol),
-        lambda some: wrong_frames(some, all_truth),
+        lambda some: wrong_frames(some, all_ground_truth),
         lambda some: wrong_axes(some, protocol),
         some_mirrored,
     ]
@@ -125,7 +125,7 @@ def _of_the_mesh(
     points: tuple[HandPoints, HandPoints, Tensor | None],
     protocol: Protocol,
 ) -> list[Suspicion | None]:
-    truth, prediction, mesh = points
+    ground_truth, prediction, mesh = points
     if mesh is None:
         mesh = prediction.vertices
     if mesh is None:
@@ -135,12 +135,18 @@ def _of_the_mesh(
     surface = _internal(mesh[place[few]], hands.prediction[few], protocol)
     apart_from = apart(hands.prediction[few], surface)
     # Only frames that are where they should be can be compared.
-    if truth.vertices is None or truth.vertices.shape[1] != mesh.shape[1] or apart_from is not None:
+    if (
+        ground_truth.vertices is None
+        or ground_truth.vertices.shape[1] != mesh.shape[1]
+        or apart_from is not None
+    ):
         return [apart_from]
-    if len(mended.truth) != len(hands.truth) or not torch.equal(mended.truth, hands.truth):
+    if len(mended.ground_truth) != len(hands.ground_truth) or not torch.equal(
+        mended.ground_truth, hands.ground_truth
+    ):
         return [apart_from]
-    true_surface = _internal(truth.vertices[place[few]], hands.truth[few], protocol)
-    some = Hands(mended.truth[few], mended.prediction[few])
+    true_surface = _internal(ground_truth.vertices[place[few]], hands.ground_truth[few], protocol)
+    some = Hands(mended.ground_truth[few], mended.prediction[few])
     return [apart_from, without_correspondence(some, true_surface, surface)]
 
 
@@ -177,6 +183,6 @@ def _message(suspicion: Suspicion, measured: tuple[float, float | None], several
 
 
 def _scores(hands: Hands) -> dict[str, float]:
-    rows = landmark_scores(HandPoints(hands.truth), HandPoints(hands.prediction)).mean(dim=0)
+    rows = landmark_scores(HandPoints(hands.ground_truth), HandPoints(hands.prediction)).mean(dim=0)
     scores = dict(zip(LANDMARK_SCORES, (1000 * rows).tolist(), strict=True))
     return {name: value for name, value in scores.items() if math.isfinite(value)}

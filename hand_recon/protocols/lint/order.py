@@ -64,11 +64,11 @@ def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | No
     Returns:
         The hands in the order that fits, and what to tell.
     """
-    now = _either_hand(hands.truth, hands.prediction)
+    now = _either_hand(hands.ground_truth, hands.prediction)
     own = LANDMARK_ORDERS[protocol.order]
     best: tuple[Tensor, tuple[str, ...], str] | None = None
     for names, label in _candidates(protocol.order):
-        error = _either_hand(hands.truth, hands.prediction[:, _indices(own, names)])
+        error = _either_hand(hands.ground_truth, hands.prediction[:, _indices(own, names)])
         if best is None or error.mean() < best[0].mean():
             best = error, names, label
     if best is None or not clearly_better(now, best[0], ORDER_GAIN):
@@ -84,10 +84,10 @@ def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | No
     )
 
 
-def _either_hand(truth: Tensor, prediction: Tensor) -> Tensor:
+def _either_hand(ground_truth: Tensor, prediction: Tensor) -> Tensor:
     """The shape error of whichever of the hands and their mirror images fit better on the whole."""
-    plain = shape_error(truth, prediction)
-    mirrored = shape_error(truth, prediction * prediction.new_tensor(_MIRROR))
+    plain = shape_error(ground_truth, prediction)
+    mirrored = shape_error(ground_truth, prediction * prediction.new_tensor(_MIRROR))
     return plain if plain.mean() <= mirrored.mean() else mirrored
 
 
@@ -119,32 +119,32 @@ def _all_orders(own: str) -> Iterator[tuple[tuple[str, ...], str]]:
         yield tuple(LANDMARK_ORDERS[name][place] for place in back), f"{label} by the inverse map"
 
 
-def wrong_frames(hands: Hands, all_truth: Tensor) -> tuple[Hands, Suspicion | None]:
+def wrong_frames(hands: Hands, all_ground_truth: Tensor) -> tuple[Hands, Suspicion | None]:
     """Do the predictions fit the frames better when these are shifted, reversed, sorted or shuffled?
 
     Args:
         hands: As many evenly spread frames as are looked at, their landmarks in order.
-        all_truth: The ground truth of all frames.
+        all_ground_truth: The ground truth of all frames.
     """
-    count = len(all_truth)
-    place = spread_evenly(count, max(1, len(hands.truth)))
-    now = _either_hand(hands.truth, hands.prediction)
+    count = len(all_ground_truth)
+    place = spread_evenly(count, max(1, len(hands.ground_truth)))
+    now = _either_hand(hands.ground_truth, hands.prediction)
     best: tuple[Tensor, Tensor, str] | None = None
     for other, label in _other_frames(place, count):
         inside = (other >= 0) & (other < count)
-        error = _either_hand(all_truth[other.clamp(0, count - 1)], hands.prediction)
+        error = _either_hand(all_ground_truth[other.clamp(0, count - 1)], hands.prediction)
         error = torch.where(inside, error, now)
         if best is None or error.mean() < best[0].mean():
             best = error, other.clamp(0, count - 1), label
     if best is not None and clearly_better(now, best[0], FRAME_GAIN):
         error, other, label = best
-        return Hands(all_truth[other], hands.prediction), Suspicion(
+        return Hands(all_ground_truth[other], hands.prediction), Suspicion(
             "frame_order",
             f"Your frames look to be {label}",
             "write them in the order of the ground truth",
             confidence=certainty(now, error),
         )
-    return _shuffled(hands, all_truth, place)
+    return _shuffled(hands, all_ground_truth, place)
 
 
 def _other_frames(place: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
@@ -160,13 +160,15 @@ def _other_frames(place: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
     yield as_text.argsort()[place], "sorted by number where the ground truth is sorted as text"
 
 
-def _shuffled(hands: Hands, all_truth: Tensor, place: Tensor) -> tuple[Hands, Suspicion | None]:
+def _shuffled(
+    hands: Hands, all_ground_truth: Tensor, place: Tensor
+) -> tuple[Hands, Suspicion | None]:
     probe = spread_evenly(len(place), PROBES)
     forms = _descriptor(hands.prediction[probe])
     # One form for all frames, turned or not, fits its own no better than any other.
     if len(probe) < FEWEST_PROBES or float((forms - forms[:1]).abs().amax()) < ONE_FORM:
         return hands, None
-    distance = torch.cdist(forms, _descriptor(all_truth))
+    distance = torch.cdist(forms, _descriptor(all_ground_truth))
     own = distance[torch.arange(len(probe)), place[probe]]
     nearest, match = distance.min(dim=1)
     if float((distance < own[:, None]).double().mean()) < BY_CHANCE:
@@ -180,7 +182,7 @@ def _shuffled(hands: Hands, all_truth: Tensor, place: Tensor) -> tuple[Hands, Su
             confidence="note",
         )
     moved = int((match != place[probe]).nonzero()[0, 0])
-    return Hands(all_truth[match], hands.prediction[probe]), Suspicion(
+    return Hands(all_ground_truth[match], hands.prediction[probe]), Suspicion(
         "frame_order",
         "Your frames look to be shuffled: prediction "
         f"{int(place[probe][moved])} fits the ground truth of frame {int(match[moved])}",
@@ -196,13 +198,14 @@ def _descriptor(points: Float[Tensor, "hand landmark=21 3"]) -> Float[Tensor, "h
 
 
 def repeated_frames(
-    truth: Float[Tensor, "hand landmark=21 3"], prediction: Float[Tensor, "hand landmark=21 3"]
+    ground_truth: Float[Tensor, "hand landmark=21 3"],
+    prediction: Float[Tensor, "hand landmark=21 3"],
 ) -> Suspicion | None:
     """Are many predictions copies of the one before, though their hands differ?"""
     same = (prediction[1:] == prediction[:-1]).flatten(1).all(dim=1)
-    same &= (truth[1:] != truth[:-1]).flatten(1).any(dim=1)
+    same &= (ground_truth[1:] != ground_truth[:-1]).flatten(1).any(dim=1)
     rows: Int[Tensor, " row"] = same.nonzero()[:, 0]
-    if len(rows) < max(2, len(truth) / 100):
+    if len(rows) < max(2, len(ground_truth) / 100):
         return None
     return Suspicion(
         "repeated",

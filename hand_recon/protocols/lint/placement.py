@@ -76,7 +76,7 @@ def flat(hands: Hands) -> Suspicion | None:
 
 def wrong_unit(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
     """Is a hand a hundred or a thousand times too large or too small?"""
-    ratio = size_ratio(hands.truth, hands.prediction)
+    ratio = size_ratio(hands.ground_truth, hands.prediction)
     for unit, metres in UNITS.items():
         factor = metres / UNITS[protocol.unit]
         if unit != protocol.unit and abs(math.log(ratio * factor)) < math.log(ABOUT):
@@ -101,15 +101,15 @@ def wrong_unit(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | Non
 
 def wrong_axes(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
     """Read the hands, and where they are, with all signs of the axes."""
-    plain = shape_error(hands.truth, hands.prediction)
-    mirrored = shape_error(hands.truth, _flipped(hands.prediction, (-1, 1, 1)))
+    plain = shape_error(hands.ground_truth, hands.prediction)
+    mirrored = shape_error(hands.ground_truth, _flipped(hands.prediction, (-1, 1, 1)))
     signs = _turn(hands, plain, mirrored)
     if signs is None:
         return _mirrored(hands, plain, mirrored)
     if signs == NO_FLIP:
         return _misplaced(hands)
     flipped = replace(hands, prediction=_flipped(hands.prediction, signs))
-    now, mended = (turned_error(hands.truth, some.prediction) for some in (hands, flipped))
+    now, mended = (turned_error(hands.ground_truth, some.prediction) for some in (hands, flipped))
     kind = "mirrored" if math.prod(signs) < 0 else "axes"
     about = _about_the_root(hands, flipped)
     where = " about a root that is at the right place" if about is not None else ""
@@ -128,9 +128,10 @@ def _turn(hands: Hands, plain: Tensor, mirrored: Tensor) -> Signs | None:
     """The signs that turn the hands as they should be, one's own where those do; none if no signs do."""
     if is_constant(hands.prediction):
         return None
-    now = turned_error(hands.truth, hands.prediction)
+    now = turned_error(hands.ground_truth, hands.prediction)
     errors = {
-        signs: turned_error(hands.truth, _flipped(hands.prediction, signs)) for signs in FLIPS
+        signs: turned_error(hands.ground_truth, _flipped(hands.prediction, signs))
+        for signs in FLIPS
     }
     signs = min(errors, key=lambda key: float(errors[key].mean()))
     shape, other = (mirrored, plain) if math.prod(signs) < 0 else (plain, mirrored)
@@ -161,13 +162,13 @@ def _about_the_root(hands: Hands, flipped: Hands) -> Hands | None:
     if near_origin(hands):
         return None
     moved = flipped.prediction + (hands.prediction - flipped.prediction)[:, WRIST, None]
-    stays = _distance(hands.truth, moved)
-    return Hands(hands.truth, moved) if _closer(_distance(*_both(flipped)), stays) else None
+    stays = _distance(hands.ground_truth, moved)
+    return Hands(hands.ground_truth, moved) if _closer(_distance(*_both(flipped)), stays) else None
 
 
 def _misplaced(hands: Hands) -> tuple[Hands, Suspicion | None]:
     """Hands that are right, at a place whose axes or unit are not."""
-    in_its_unit = 1 / ABOUT < size_ratio(hands.truth, hands.prediction) < ABOUT
+    in_its_unit = 1 / ABOUT < size_ratio(hands.ground_truth, hands.prediction) < ABOUT
     if near_origin(hands) or not in_its_unit:
         return hands, None
     now = _distance(*_both(hands))
@@ -175,12 +176,13 @@ def _misplaced(hands: Hands) -> tuple[Hands, Suspicion | None]:
     for moved, cure in _other_places(hands.prediction):
         nearer = (
             best is None
-            or _distance(hands.truth, moved).mean() < _distance(hands.truth, best[0]).mean()
+            or _distance(hands.ground_truth, moved).mean()
+            < _distance(hands.ground_truth, best[0]).mean()
         )
         best = (moved, cure) if nearer else best
-    if best is None or not _closer(now, _distance(hands.truth, best[0])):
+    if best is None or not _closer(now, _distance(hands.ground_truth, best[0])):
         return hands, None
-    return Hands(hands.truth, best[0]), Suspicion(
+    return Hands(hands.ground_truth, best[0]), Suspicion(
         "position",
         "Your hands are turned and sized as they should be, but are placed in other axes or another unit",
         f"{best[1]} in each hand's position alone",
@@ -207,11 +209,11 @@ def _closer(now: Tensor, mended: Tensor) -> bool:
 
 
 def _both(hands: Hands) -> tuple[Tensor, Tensor]:
-    return hands.truth, hands.prediction
+    return hands.ground_truth, hands.prediction
 
 
-def _distance(truth: Tensor, prediction: Tensor) -> Tensor:
-    return torch.linalg.vector_norm(truth.mean(dim=1) - prediction.mean(dim=1), dim=-1)
+def _distance(ground_truth: Tensor, prediction: Tensor) -> Tensor:
+    return torch.linalg.vector_norm(ground_truth.mean(dim=1) - prediction.mean(dim=1), dim=-1)
 
 
 def near_origin(hands: Hands) -> bool:
@@ -248,15 +250,19 @@ def some_mirrored(hands: Hands) -> tuple[Hands, Suspicion | None]:
     if is_constant(hands.prediction):
         return hands, None
     flipped = _flipped(hands.prediction, (-1, 1, 1))
-    now, mended = (turned_error(hands.truth, points) for points in (hands.prediction, flipped))
+    now, mended = (
+        turned_error(hands.ground_truth, points) for points in (hands.prediction, flipped)
+    )
     wrong = (mended < 0.5 * now) & (now > 0.01)
     if not max(2, MIRRORED_SHARE * len(now)) <= int(wrong.sum()) < 0.95 * len(now):
         return hands, None
-    plain = shape_error(hands.truth[wrong], hands.prediction[wrong])
-    if float(shape_error(hands.truth[wrong], flipped[wrong]).mean()) > 0.7 * float(plain.mean()):
+    plain = shape_error(hands.ground_truth[wrong], hands.prediction[wrong])
+    if float(shape_error(hands.ground_truth[wrong], flipped[wrong]).mean()) > 0.7 * float(
+        plain.mean()
+    ):
         return hands, None
     points = torch.where(wrong[:, None, None], flipped, hands.prediction)
-    return Hands(hands.truth, points), Suspicion(
+    return Hands(hands.ground_truth, points), Suspicion(
         "some_mirrored",
         f"{100 * float(wrong.double().mean()):.0f} % of your hands look to be mirrored: left hands that were "
         "predicted as right ones. The official alignment hides it",

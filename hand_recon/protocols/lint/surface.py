@@ -103,12 +103,12 @@ def _distance(landmarks: Tensor, mesh: Tensor) -> Float[Tensor, " hand"]:
 
 
 def without_correspondence(
-    hands: Hands, truth: Float[Tensor, "hand vertex 3"], mesh: Float[Tensor, "hand vertex 3"]
+    hands: Hands, ground_truth: Float[Tensor, "hand vertex 3"], mesh: Float[Tensor, "hand vertex 3"]
 ) -> Suspicion | None:
     """Is the mesh a hand whose points are in another order than the ground truth's?"""
-    aligned = align_official(hands.truth, hands.prediction)
-    landmark_error = float(point_errors(hands.truth, aligned).mean())
-    error = float(point_errors(truth, align_official(truth, mesh)).mean())
+    aligned = align_official(hands.ground_truth, hands.prediction)
+    landmark_error = float(point_errors(hands.ground_truth, aligned).mean())
+    error = float(point_errors(ground_truth, align_official(ground_truth, mesh)).mean())
     factor, offset = NO_CORRESPONDENCE
     if error <= factor * landmark_error + offset:
         return None
