@@ -1,4 +1,4 @@
-"""Pictures of hands fitted to 2D landmarks: what was given, what was found, and the sheet of all of them."""
+"""Images of hands fitted to 2D landmarks: given and fitted landmarks, the mesh, and a contact sheet."""
 
 import logging
 import math
@@ -18,10 +18,10 @@ from hand_recon.visualization.overlay import draw_landmarks
 logger = logging.getLogger(__name__)
 
 PANELS: Final = ("given landmarks", "fitted landmarks", "fitted mesh", "from the side")
-"""What a row shows."""
+"""Titles of the panels of a row."""
 
 ROWS_PER_COLUMN: Final = 8
-"""The most rows of a sheet before it gets another column."""
+"""Most rows of a contact sheet's column."""
 
 _MARGIN: Final = 1.4
 _CAPTION: Final = 18
@@ -29,30 +29,30 @@ _PALE: Final = 245
 
 
 @dataclass(frozen=True)
-class FittedPicture:
-    """One hand as it was given and as it was found, left hands as left hands."""
+class FittedImage:
+    """One hand with its given and fitted landmarks and its mesh, left hands as left hands."""
 
     caption: str
-    """What the row is called."""
+    """Caption of the row."""
     given: Float[np.ndarray, "landmark=21 2"]
-    """Pixels of the image; NaN where there is no label."""
+    """Given landmarks, pixels of the image; NaN where there is none."""
     found: Float[np.ndarray, "landmark=21 2"]
-    """Projections, pixels of the image."""
+    """Projected landmarks of the fitted hand, pixels of the image."""
     vertices: Float[np.ndarray, "vertex 3"]
-    """Camera frame, metres."""
+    """Vertices of the fitted mesh, camera frame, metres."""
     intrinsics: Float[np.ndarray, "3 3"]
     """Camera matrix of the image, pixels."""
     image: UInt8[np.ndarray, "height width 3"] | None = None
-    """The picture, where there is one; else the background is white."""
+    """Background, RGB; None for white."""
 
 
-def picture_of(part: FittedHands, position: int, number: int) -> FittedPicture:
-    """What there is to draw of a hand; a picture that cannot be read is a white one, with a warning.
+def fitted_image(part: FittedHands, position: int, number: int) -> FittedImage:
+    """Collect what is drawn of a hand; an image that cannot be read becomes white, with a warning.
 
     Args:
-        part: The hands that it is among.
-        position: Its place among them.
-        number: Its place among all hands.
+        part: The part that the hand belongs to.
+        position: Index of the hand in the part.
+        number: Index of the hand among all hands.
     """
     observed, found = part.observed, part.prediction
     file = observed.images[position]
@@ -61,7 +61,7 @@ def picture_of(part: FittedHands, position: int, number: int) -> FittedPicture:
         logger.warning("Cannot read %s: hand %d is drawn on white.", file, number)
     side = "left" if bool(observed.left[position]) else "right"
     residual = float(part.distance[position].nanmean())
-    return FittedPicture(
+    return FittedImage(
         caption=f"{number}: {observed.names[position]}, {side}, {residual:.1f} px",
         given=observed.landmarks_2d[position].numpy(),
         found=found.landmarks_2d[position].double().numpy(),
@@ -72,17 +72,17 @@ def picture_of(part: FittedHands, position: int, number: int) -> FittedPicture:
 
 
 def draw_fitted(
-    hand: FittedPicture, faces: Int[np.ndarray, "face 3"], panel: int = 224
+    hand: FittedImage, faces: Int[np.ndarray, "face 3"], panel: int = 224
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A row of panels for one hand, cut from the image about the hand.
+    """Draw the row of one hand: `PANELS`, cropped from the image about the hand.
 
     Args:
-        hand: What to draw.
-        faces: Triangles; either winding will do.
+        hand: The hand.
+        faces: Triangles of the mesh, in either winding.
         panel: Side of each panel, pixels.
     """
-    everything = np.concatenate([hand.given, hand.found])
-    matrix = crop_matrix(around_landmarks(everything, _MARGIN), panel)
+    both = np.concatenate([hand.given, hand.found])
+    matrix = crop_matrix(around_landmarks(both, _MARGIN), panel)
     if hand.image is None:
         background = np.full((panel, panel, 3), 255, dtype=np.uint8)
     else:
@@ -102,13 +102,15 @@ def draw_fitted(
 def contact_sheet(
     rows: list[UInt8[np.ndarray, "height width 3"]], captions: list[str]
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
-    """Rows of one size under each other, each below its caption, the panels' names above each column.
+    """Stack rows of one size in columns, each row below its caption, `PANELS` above each column.
 
     Raises:
-        ValueError: There is nothing to show.
+        ValueError: There is no row.
     """
     if not rows:
-        raise ValueError("A sheet of no pictures: draw one or more.")
+        raise ValueError(
+            "Found no row for the contact sheet; expected one or more. Draw a hand first."
+        )
     _, width, _ = rows[0].shape
     strips = [
         np.concatenate([_text(caption, width), row])
@@ -127,7 +129,7 @@ def contact_sheet(
 
 def _text(words: str, width: int) -> UInt8[np.ndarray, "height width 3"]:
     strip = np.full((_CAPTION, width, 3), _PALE, dtype=np.uint8)
-    # OpenCV's letters are ASCII.
+    # OpenCV's fonts have only ASCII letters.
     letters = words.encode("ascii", "replace").decode("ascii")
     cv2.putText(
         strip, letters, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 20), 1, cv2.LINE_AA

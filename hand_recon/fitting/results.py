@@ -1,18 +1,15 @@
-"""What `python -m hand_recon.fit` leaves behind: hands as JSON, meshes and pictures.
+"""Results of `hand_recon.fit`: hands as JSON, meshes and images.
 
-`fit.json` is a list with one object per hand, in the order of the input and one to a line: what
-`hand_recon.fitting.fitted_hands` describes. `joints.json` names its landmarks, joints and
-axes. Meshes are in metres in the camera's frame.
+`fit.json` has one object per hand, in the order of the input, in the format of
+`hand_recon.fitting.hands_file`. Meshes are in metres in the camera's frame.
 """
 
-import json
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
@@ -22,37 +19,37 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
-from hand_recon.fitting.fitted_hands import FittedHands, entries
-from hand_recon.fitting.images import contact_sheet, draw_fitted, picture_of
-from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARK_PARENTS, LANDMARKS
+from hand_recon.fitting.fitted_hands import FittedHands
+from hand_recon.fitting.hands_file import write_names, writing_hands
+from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 
 logger = logging.getLogger(__name__)
 
 MESH_FORMATS: Final = ("obj", "ply")
-"""Formats of meshes that can be written."""
+"""File formats of meshes."""
 
 PRODUCTS: Final = (
     "fit.json", "fit.json.part", "meshes", "pictures", "metrics.json", "checkpoints",
 )  # fmt: skip
-"""What a folder must not hold yet."""
+"""Files and folders of a fit or a run; a folder that holds one of them is not written to."""
 
 
 @dataclass(frozen=True)
 class ResultOptions:
-    """How much is written besides `fit.json`.
+    """Options for the results besides `fit.json`.
 
     Raises:
         ValueError: The format of meshes is unknown.
     """
 
     meshes: int = 100
-    """The most meshes, of the first hands; none are written at 0."""
+    """Number of hands, the first ones, whose meshes are written; 0 for none."""
     mesh_format: str = "obj"
     """One of `MESH_FORMATS`."""
     pictures: int = 16
-    """The most pictures, of the first hands; none are drawn at 0."""
+    """Number of hands, the first ones, whose images are drawn; 0 for none."""
     panel: int = 224
-    """Side of the panels of a picture, pixels."""
+    """Side of each panel of an image, pixels."""
 
     def __post_init__(self) -> None:
         if self.mesh_format not in MESH_FORMATS:
@@ -62,10 +59,10 @@ class ResultOptions:
 
 
 def claim_results_folder(path: str | Path) -> Path:
-    """Make the folder of results; call it before fitting, so that no result is without a place.
+    """Make the folder of results; called before the fit, so that a taken folder is refused at once.
 
     Raises:
-        FileExistsError: It already holds results.
+        FileExistsError: The folder already holds results.
     """
     folder = Path(path).expanduser().absolute()
     taken = [name for name in PRODUCTS if (folder / name).exists()]
@@ -84,84 +81,39 @@ def write_results(
     faces: Int[Tensor, "face 3"],
     options: ResultOptions | None = None,
 ) -> dict[str, float]:
-    """Write hands as they come, and print a summary.
+    """Write all results part by part, and print a summary.
 
     Args:
-        folder: Where to; made if it is not there.
-        parts: The hands in their order, some at a time: a generator may fit them meanwhile.
+        folder: Folder of the results; made if it does not exist.
+        parts: The hands in order, some at a time; a generator may fit each part when it is asked for it.
         faces: The right hand's triangles.
-        options: How much is written.
+        options: How much is written besides `fit.json`.
 
     Returns:
-        Number of hands, and the means over the hands that were fitted.
+        Number of hands, and means over the fitted hands.
 
     Raises:
         FileExistsError: The folder already holds results.
     """
     folder = claim_results_folder(folder)
-    shown = _Shown(folder, faces.cpu().numpy(), options or ResultOptions())
+    extras = _MeshesAndImages(folder, faces.cpu().numpy(), options or ResultOptions())
     totals = _Totals()
-    _write_names(folder / "joints.json")
-    with _list_in(folder / "fit.json") as write:
+    write_names(folder / "joints.json")
+    with writing_hands(folder / "fit.json") as write:
         for part in parts:
-            for position, (content, fitted) in enumerate(
-                zip(entries(part), part.fitted.tolist(), strict=True)
-            ):
-                write(content)
+            write(part.records())
+            for position, fitted in enumerate(part.fitted.tolist()):
                 if fitted:
-                    shown.add(part, position, totals.hands + position)
+                    extras.add(part, position, totals.hands + position)
             totals.add(part)
-    shown.finish(totals.hands)
+    extras.finish(totals.hands)
     summary = totals.summary()
     _print_summary(summary, folder)
     return summary
 
 
-@contextmanager
-def _list_in(path: Path) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Write a JSON list one entry at a time; the file has its name once the list is complete.
-
-    What was written before an error is kept, as valid JSON, under the name of an unfinished file.
-    """
-    unfinished = path.with_name(f"{path.name}.part")
-    with unfinished.open("x", encoding="utf-8") as stream:
-        separator = "[\n"
-
-        def write(entry: dict[str, Any]) -> None:
-            nonlocal separator
-            # No NaN: it is not JSON, and most readers refuse the file.
-            text = json.dumps(entry, allow_nan=False, ensure_ascii=False)
-            stream.write(separator + text)
-            separator = ",\n"
-
-        try:
-            yield write
-        finally:
-            stream.write("\n]\n" if separator.startswith(",") else "[]\n")
-    unfinished.rename(path)
-
-
-def _write_names(path: Path) -> None:
-    """What the rows and columns of `fit.json` are."""
-    names = {
-        "landmarks": LANDMARKS,
-        "landmark_parents": LANDMARK_PARENTS,
-        "joints": ARTICULATED,
-        "axes": AXES,
-        "units": {
-            "landmarks_3d": "metres, camera frame: x right, y down, z forward",
-            "landmarks_2d": "pixels of the image, pixel i covering [i, i + 1)",
-            "joint_angles_degrees": "degrees from the anatomical neutral, the straight finger",
-            "shape": "standard deviations",
-            "sigma": "pixels of the image",
-            "residual": "pixels of the image",
-        },
-    }
-    path.write_text(json.dumps(names, indent=2) + "\n", encoding="utf-8")
-
-
-class _Shown:
-    """The meshes and pictures of the first hands."""
+class _MeshesAndImages:
+    """Writer of the meshes and images of the first hands."""
 
     def __init__(
         self, folder: Path, faces: Int[np.ndarray, "face 3"], options: ResultOptions
@@ -171,25 +123,25 @@ class _Shown:
         self.captions: list[str] = []
 
     def add(self, part: FittedHands, position: int, number: int) -> None:
-        """Write what is wanted of a hand.
+        """Write the mesh and the image of a hand, as far as the options ask for them.
 
         Args:
-            part: The hands that it is among.
-            position: Its place among them.
-            number: Its place among all hands.
+            part: The part that the hand belongs to.
+            position: Index of the hand in the part.
+            number: Index of the hand among all hands.
         """
         name = _file_name(part.observed.names[position], number)
         if number < self.options.meshes:
             target = self._folder("meshes") / f"{name}.{self.options.mesh_format}"
             _mesh(part, position, self.faces).export(target)
         if number < self.options.pictures:
-            picture = picture_of(part, position, number)
-            self.captions.append(picture.caption)
-            self.rows.append(draw_fitted(picture, self.faces, self.options.panel))
+            hand = fitted_image(part, position, number)
+            self.captions.append(hand.caption)
+            self.rows.append(draw_fitted(hand, self.faces, self.options.panel))
             _write_png(self._folder("pictures") / f"{name}.png", self.rows[-1])
 
     def finish(self, hands: int) -> None:
-        """Write the sheet, and say what was left out."""
+        """Write the contact sheet, and log how many meshes and images were left out."""
         if self.rows:
             _write_png(self.folder / "fits.png", contact_sheet(self.rows, self.captions))
         for what, most in (("meshes", self.options.meshes), ("pictures", self.options.pictures)):
@@ -206,27 +158,27 @@ class _Shown:
 
 
 def _file_name(name: str, number: int) -> str:
-    """A hand's number and its name, in characters that every file system knows."""
+    """A hand's number and name in characters that are allowed on every file system."""
     stem = re.sub(r"\.(png|jpe?g|bmp|tiff?|webp)\b", "", name, flags=re.IGNORECASE)
     safe = re.sub(r"[^A-Za-z0-9.-]+", "-", stem).strip("-.")[:60]
     return f"{number:06d}" if safe in ("", str(number)) else f"{number:06d}_{safe}"
 
 
 def _mesh(part: FittedHands, position: int, faces: Int[np.ndarray, "face 3"]) -> trimesh.Trimesh:
-    # Seen in a mirror, the same triangles face inwards.
-    turned = faces[:, ::-1] if bool(part.observed.left[position]) else faces
+    # Mirroring a hand turns its triangles inside out: reverse their winding.
+    faces = faces[:, ::-1] if bool(part.observed.left[position]) else faces
     vertices = part.prediction.vertices[position].double().numpy()
-    return trimesh.Trimesh(vertices, turned, process=False)
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _write_png(path: Path, picture: np.ndarray) -> None:
-    # Through bytes: OpenCV cannot open every path on every system, and says nothing.
-    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))[1].tobytes())
+def _write_png(path: Path, image: np.ndarray) -> None:
+    # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
+    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
 @dataclass
 class _Totals:
-    """Sums over the parts."""
+    """Counts and sums over the parts."""
 
     hands: int = 0
     fitted: int = 0
@@ -237,7 +189,7 @@ class _Totals:
     loss: dict[str, float] = field(default_factory=dict)
 
     def add(self, part: FittedHands) -> None:
-        """Count a part in."""
+        """Add a part."""
         distance, fitted = part.distance, part.fitted
         self.hands += len(part)
         self.fitted += int(fitted.sum())
@@ -249,7 +201,7 @@ class _Totals:
             self.loss[name] = self.loss.get(name, 0.0) + float(value[fitted].double().sum())
 
     def summary(self) -> dict[str, float]:
-        """Counts, and means where there is something to average."""
+        """Counts, and means if there is at least one landmark."""
         counts: dict[str, float] = {"hands": self.hands, "fitted": self.fitted, "left": self.left}
         if not self.landmarks:
             return counts
@@ -265,11 +217,11 @@ _MEANINGS: Final = {
     "hands": "hands in the file",
     "fitted": "hands with enough landmarks to be fitted",
     "left": "left hands",
-    "landmarks": "landmarks that were fitted to",
+    "landmarks": "landmarks given for the fitted hands",
     "residual": "mean distance to them, pixels of the image",
     "residual_224": "the same, pixels of a 224-pixel crop",
 }
-"""What the lines of the summary say."""
+"""Descriptions of the summary's lines."""
 
 
 def _print_summary(summary: dict[str, float], folder: Path) -> None:
