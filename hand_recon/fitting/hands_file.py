@@ -244,8 +244,10 @@ class _Entry:
     def _object(self, value: object, what: str, keys: tuple[str, ...]) -> dict[str, Any]:
         if not isinstance(value, dict):
             self._refuse(what, value, f"an object with the keys {', '.join(keys)}")
-        if set(value) != set(keys):
-            self._refuse(what, f"an object with the keys {', '.join(value)}", ", ".join(keys))
+        missing = "".join(f" without {key}" for key in keys if key not in value)
+        unknown = "".join(f" with the unknown key {key}" for key in value if key not in keys)
+        if missing or unknown:
+            self._refuse(what, f"an object{missing}{unknown}", f"the keys {', '.join(keys)}")
         return value
 
     def _numbers(self, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
