@@ -1,4 +1,4 @@
-"""Crops of annotated pictures as a dataset: one way from any files to samples (Sec. 4.1)."""
+"""Crops of annotated images as a dataset: one way from any files to samples (Sec. 4.1)."""
 
 from dataclasses import dataclass, field
 
@@ -15,13 +15,13 @@ from hand_recon.schema import HandSample
 
 
 @dataclass(frozen=True)
-class PictureRecipe:
+class ImageRecipe:
     """How a dataset's crops are cut out and read."""
 
     crop: CropPolicy = field(default_factory=CropPolicy)
     """Size and place of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged pictures are too many."""
+    """Caches, and how many damaged images are too many."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Benchmark:
     """Test hands of the benchmark that are not among these."""
 
 
-class PictureHands(Dataset[HandSample]):
-    """Some rows of a table of annotated pictures. Left hands come mirrored, as right ones.
+class AnnotatedImages(Dataset[HandSample]):
+    """Some rows of a table of annotated images. Left hands come mirrored, as right ones.
 
-    A picture that cannot be read is skipped with a warning, and the next one takes its place.
+    A image that cannot be read is skipped with a warning, and the next one takes its place.
     """
 
     benchmark: Benchmark | None = None
@@ -51,7 +51,7 @@ class PictureHands(Dataset[HandSample]):
         self,
         hands: AnnotatedHands,
         rows: Int[np.ndarray, " row"] | None = None,
-        recipe: PictureRecipe | None = None,
+        recipe: ImageRecipe | None = None,
         *,
         cached_rows: Int[np.ndarray, " cached"] | None = None,
     ) -> None:
@@ -65,9 +65,9 @@ class PictureHands(Dataset[HandSample]):
                 split's own.
 
         Raises:
-            RuntimeError: More pictures are damaged than allowed.
+            RuntimeError: More images are damaged than allowed.
         """
-        recipe = recipe or PictureRecipe()
+        recipe = recipe or ImageRecipe()
         self.hands = hands
         self.rows = np.arange(len(hands)) if rows is None else rows
         kept = self.rows if cached_rows is None else cached_rows
@@ -77,11 +77,11 @@ class PictureHands(Dataset[HandSample]):
         return len(self.rows)
 
     def __getitem__(self, index: int) -> HandSample:
-        """The sample at a position, or the next one whose picture can be read.
+        """The sample at a position, or the next one whose image can be read.
 
         Raises:
             IndexError: There is no such position.
-            RuntimeError: Too many pictures cannot be read.
+            RuntimeError: Too many images cannot be read.
         """
         if not 0 <= index < len(self):
             raise IndexError(f"Sample {index} of {len(self)}.")
@@ -91,7 +91,7 @@ class PictureHands(Dataset[HandSample]):
             if crop is not None:
                 return self._sample(position, crop)
         raise RuntimeError(
-            f"No picture of {self.hands.name} in {self.hands.root} can be read; unpack the archive again."
+            f"No image of {self.hands.name} in {self.hands.root} can be read; unpack the archive again."
         )
 
     def _sample(self, position: int, crop: Crop) -> HandSample:
@@ -138,7 +138,7 @@ def _row(column: np.ndarray | None, row: int) -> np.ndarray | None:
 def _scaled(
     lengths: Float[np.ndarray, " landmark"] | None, matrix: Float[np.ndarray, "3 3"]
 ) -> Float[Tensor, " landmark"] | None:
-    """Lengths of the picture in the crop, which may be mirrored."""
+    """Lengths of the image in the crop, which may be mirrored."""
     scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     return None if lengths is None else torch.from_numpy(lengths * scale).float()
 

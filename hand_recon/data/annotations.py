@@ -1,4 +1,4 @@
-"""Pictures of hands with what is known of each: what the files of every dataset amount to (Sec. 4.1).
+"""Images of hands with what is known of each: what the files of every dataset amount to (Sec. 4.1).
 
 A dataset's own module turns its files into one such table; cutting, mirroring, caching and skipping what
 cannot be read are then the same for all (`hand_recon.data.annotated_dataset`).
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 
 @runtime_checkable
-class Pictures(Protocol):
+class ImageFiles(Protocol):
     """Files by row; a list of paths, or something that makes them when asked."""
 
     def __len__(self) -> int: ...
@@ -28,7 +28,7 @@ Surfaces = Callable[[int], "np.ndarray | None"]
 
 @dataclass(frozen=True)
 class AnnotatedHands:
-    """One row per hand in a picture. Pixels are those of the whole picture; what is unknown is NaN.
+    """One row per hand in a image. Pixels are those of the whole image; what is unknown is NaN.
 
     Raises:
         ValueError: Columns differ in length.
@@ -37,11 +37,11 @@ class AnnotatedHands:
     name: str
     """Dataset and part, for messages and the names of caches."""
     root: Path
-    """The dataset's folder: samples are named by their picture's path from here."""
-    pictures: Pictures
-    """The picture of each row; several hands may share one."""
+    """The dataset's folder: samples are named by their image's path from here."""
+    images: ImageFiles
+    """The image of each row; several hands may share one."""
     fingerprint: str
-    """Changes whenever a picture or a label does."""
+    """Changes whenever a image or a label does."""
     landmarks_2d: Float[np.ndarray, "row landmark=21 2"]
     """Labels in FreiHAND's order; NaN where there is none."""
     left: Bool[np.ndarray, " row"] | None = None
@@ -57,15 +57,15 @@ class AnnotatedHands:
     confidence: Float[np.ndarray, "row landmark=21"] | None = None
     """How sure of each landmark whoever placed it was, from 0 to 1."""
     label_noise: Float[np.ndarray, "row landmark=21"] | None = None
-    """Standard deviation of each label, pixels of the picture."""
-    masks: Pictures | None = None
-    """Where each hand is white in a picture of the same size."""
+    """Standard deviation of each label, pixels of the image."""
+    masks: ImageFiles | None = None
+    """Where each hand is white in a image of the same size."""
     surfaces: Surfaces | None = None
     """Ground truth surfaces, made or read when asked for."""
 
     def __post_init__(self) -> None:
         for name, column in vars(self).items():
-            counted = isinstance(column, np.ndarray) or name == "pictures"
+            counted = isinstance(column, np.ndarray) or name == "images"
             if counted and len(column) != len(self):
                 raise ValueError(
                     f"{self.name}: {len(column)} {name} for {len(self)} hands; expected one per hand."
@@ -75,8 +75,8 @@ class AnnotatedHands:
         return len(self.landmarks_2d)
 
     def source(self, row: int) -> str:
-        """What a sample is called: its picture's path inside the dataset."""
-        path = self.pictures[row]
+        """What a sample is called: its image's path inside the dataset."""
+        path = self.images[row]
         return (path.relative_to(self.root) if path.is_relative_to(self.root) else path).as_posix()
 
     def is_left(self, row: int) -> bool:

@@ -37,7 +37,7 @@ class Square:
 
 @dataclass(frozen=True)
 class Place:
-    """What a dataset knows of where a hand is in its picture."""
+    """What a dataset knows of where a hand is in its image."""
 
     landmarks: Float[np.ndarray, "landmark 2"]
     """Pixels of the image, NaN where not labelled."""
@@ -108,7 +108,7 @@ class CropPolicy:
 def _nothing_to_cut(place: Place, missing: str) -> str:
     return (
         f"{place.name} has {missing} to cut a crop around. Choose another crop: data.crop.around=joints, or "
-        "for FreiHAND's evaluation pictures data.test_crop.around=centre."
+        "for FreiHAND's evaluation images data.test_crop.around=centre."
     )
 
 

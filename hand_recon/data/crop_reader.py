@@ -28,14 +28,14 @@ MASK_THRESHOLD = 150
 
 @dataclass(frozen=True)
 class ReadingPolicy:
-    """Where what was read is kept, and what happens to pictures that cannot be read."""
+    """Where what was read is kept, and what happens to images that cannot be read."""
 
     cache_dir: Path | str | None = None
     """Folder of caches, never the dataset's own; none keeps nothing."""
     decode_cache: bool = True
-    """Whether to decode every picture once into a map, if there is a folder and room for it."""
+    """Whether to decode every image once into a map, if there is a folder and room for it."""
     max_corrupt: int = 20
-    """How many damaged pictures each loading process may skip before the run stops."""
+    """How many damaged images each loading process may skip before the run stops."""
     workers: int = 2
     """Threads that fill the map."""
 
@@ -56,7 +56,7 @@ class Crop:
 
 
 class CropReader:
-    """Gives the crop of a row of annotated hands, or None if its picture cannot be read."""
+    """Gives the crop of a row of annotated hands, or None if its image cannot be read."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class CropReader:
             policy: Caches and limits.
 
         Raises:
-            RuntimeError: More pictures are damaged than allowed.
+            RuntimeError: More images are damaged than allowed.
         """
         self.hands = hands
         self.crop = crop
@@ -88,15 +88,15 @@ class CropReader:
             self._map = self._open_map(policy.folder, rows, policy.workers)
 
     def read(self, row: int) -> Crop | None:
-        """The crop of a hand, a right one always; a warning and None if its picture cannot be read.
+        """The crop of a hand, a right one always; a warning and None if its image cannot be read.
 
         Raises:
             KeyError: The row was not among those that may be asked for.
-            RuntimeError: It is one damaged picture too many.
+            RuntimeError: It is one damaged image too many.
         """
         crop = self._decode(row) if self._map is None else self._map.read(self._place_in_map(row))
         if crop is None:
-            self.corrupt.add(str(self.hands.pictures[row]))
+            self.corrupt.add(str(self.hands.images[row]))
         return crop
 
     def _place_in_map(self, row: int) -> int:
@@ -111,7 +111,7 @@ class CropReader:
 
     def _decode(self, row: int) -> Crop | None:
         hands = self.hands
-        pixels = read_image(hands.pictures[row])
+        pixels = read_image(hands.images[row])
         if pixels is None:
             return None
         height, width = pixels.shape[:2]
@@ -156,12 +156,12 @@ class CropReader:
         return _CropMap(target)
 
     def map_name(self, rows: Int[np.ndarray, " row"]) -> str:
-        """The folder of the map of some rows: other labels, pictures or crops have another."""
+        """The folder of the map of some rows: other labels, images or crops have another."""
         recipe = (self.hands.fingerprint, sorted(vars(self.crop).items()), rows)
         return f"{self.hands.name}-{self.crop.around}-{self.crop.size}-{digest(*recipe)}"
 
     def _fill(self, folder: Path, rows: Int[np.ndarray, " row"], workers: int) -> None:
-        """Decode everything; a damaged picture is a place that is marked as unreadable."""
+        """Decode everything; a damaged image is a place that is marked as unreadable."""
         shape = (len(rows), 3, self.crop.size, self.crop.size)
         crops = np.lib.format.open_memmap(folder / "crops.npy", "w+", np.uint8, shape)
         matrices = np.full((len(rows), 3, 3), np.nan)
@@ -177,7 +177,7 @@ class CropReader:
             places = pool.map(decode, range(len(rows)))
             for place, readable in enumerate(with_progress(places, len(rows), "Decoding")):
                 if not readable:
-                    self.corrupt.add(str(self.hands.pictures[int(rows[place])]))
+                    self.corrupt.add(str(self.hands.images[int(rows[place])]))
         crops.flush()
         np.save(folder / "matrices.npy", matrices)
         manifest = {

@@ -157,7 +157,7 @@ class HandDataModule(lightning.LightningDataModule):
         trainer = self.trainer
         if self.augmentation is None or trainer is None or not trainer.training:
             return to_float(batch)
-        # The draws depend on the step, not on the past: a resumed run sees the same pictures.
+        # The draws depend on the step, not on the past: a resumed run sees the same images.
         place = (self.seed, trainer.global_rank, trainer.fit_loop.total_batch_idx)
         generator = torch.Generator().manual_seed(zlib.crc32(repr(place).encode()))
         return self.augmentation(batch, generator)
@@ -177,7 +177,7 @@ class HandDataModule(lightning.LightningDataModule):
             the dataset has no 3D.
         """
         dataset = self.ground_truth_dataset()
-        batch = gather(dataset, evenly_spaced(len(dataset), limit or len(dataset)))
+        batch = load_batch(dataset, evenly_spaced(len(dataset), limit or len(dataset)))
         if batch.landmarks_3d is None:
             return None
         return batch.landmarks_3d, batch.vertices
@@ -240,7 +240,7 @@ class _Batches:
         return self.dataset.batch(indices)
 
 
-def gather(dataset: HandDataset, places: list[int]) -> HandBatch:
+def load_batch(dataset: HandDataset, places: list[int]) -> HandBatch:
     """Some samples of a dataset, stacked.
 
     Args:

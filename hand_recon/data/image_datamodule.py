@@ -1,4 +1,4 @@
-"""What datamodules of real pictures share: a recipe, and a dataset made of it for each split (Sec. 4.1)."""
+"""What datamodules of real images share: a recipe, and a dataset made of it for each split (Sec. 4.1)."""
 
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,8 @@ from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataModule, HandDataset
 
 
-class PictureDataModule(HandDataModule):
-    """Real pictures in some dataset's layout. A subclass names its dataset and what describes it."""
+class ImageDataModule(HandDataModule):
+    """Real images in some dataset's layout. A subclass names its dataset and what describes it."""
 
     recipe_type: ClassVar[Any]
     """A record of what to read: takes the place, `crop`, `reading` and fields of its own."""
@@ -37,7 +37,7 @@ class PictureDataModule(HandDataModule):
         Args:
             *place: The recipe's first fields: where the files are.
             crop: Size and place of the crops.
-            reading: Caches, and how many damaged pictures are too many.
+            reading: Caches, and how many damaged images are too many.
             landmarks: The hand's landmark set that the labels follow; none for the dataset's own.
             batch_size: Hands per batch and process.
             workers: Loading processes.

@@ -1,4 +1,4 @@
-"""Reads pictures and keeps count of those that cannot be read."""
+"""Reads images and keeps count of those that cannot be read."""
 
 import logging
 from pathlib import Path
@@ -13,7 +13,7 @@ START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 
 
 def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
-    """An RGB picture, or None if the file is missing, damaged or cut off.
+    """An RGB image, or None if the file is missing, damaged or cut off.
 
     OpenCV fills the rest of a JPEG that was cut off with grey and says nothing that a program could
     hear, so its end is looked for here. The markers cannot occur inside compressed data.
@@ -26,14 +26,14 @@ def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
     if not content or (content.startswith(b"\xff\xd8") and cut_off):
         return None
     try:
-        picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:
         return None
-    return None if picture is None else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+    return None if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
 
 class CorruptImages:
-    """The pictures that were skipped, up to a limit; each loading process keeps its own count."""
+    """The images that were skipped, up to a limit; each loading process keeps its own count."""
 
     def __init__(self, limit: int) -> None:
         """Start with none.
@@ -45,7 +45,7 @@ class CorruptImages:
         self.names: list[str] = []
 
     def add(self, name: str) -> None:
-        """Warn of one more; the same picture counts once.
+        """Warn of one more; the same image counts once.
 
         Raises:
             RuntimeError: It is one too many.

@@ -57,7 +57,7 @@ class MixedHands:
         place = max(place for place, start in enumerate(self.starts) if start <= index)
         name, start = list(self.parts)[place], self.starts[place]
         sample = self.parts[name][index - start]
-        # The picture that was asked for may be damaged: another one's number is that one's.
+        # The image that was asked for may be damaged: another one's number is that one's.
         sample = replace(
             sample,
             index=start + sample.index,
@@ -68,7 +68,7 @@ class MixedHands:
 
     def _completed(self, sample: HandSample) -> HandSample:
         if sample.intrinsics is None:
-            # Without a picture, a crop is of the reference size.
+            # Without a image, a crop is of the reference size.
             size = sample.image.shape[-1]
             if size:
                 camera = default_intrinsics(size, sample.landmarks_2d)

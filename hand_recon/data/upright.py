@@ -1,6 +1,6 @@
 """Crops around landmarks, turned so that the fingers point up: one view of what a detector found.
 
-A lifter need not learn what a rotation or a scaling of the picture does: nothing is lost by undoing it first.
+A lifter need not learn what a rotation or a scaling of the image does: nothing is lost by undoing it first.
 """
 
 import torch

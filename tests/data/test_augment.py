@@ -105,7 +105,7 @@ def test_no_change_changes_nothing() -> None:
     torch.testing.assert_close(moved.landmarks_3d, batch.landmarks_3d)
 
 
-def test_half_a_turn_turns_the_picture_round() -> None:
+def test_half_a_turn_turns_the_image_round() -> None:
     image = make_batch().image.float()
     half_turn = torch.tensor([[-1.0, 0, SIZE], [0, -1, SIZE], [0, 0, 1]]).repeat(4, 1, 1)
     torch.testing.assert_close(warp(image, half_turn), image.flip(-1, -2), atol=0.1, rtol=0)

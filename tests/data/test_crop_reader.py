@@ -22,16 +22,16 @@ def folder(tmp_path: Path) -> Folder:
     return write_folder(tmp_path / "FreiHAND_pub_v2")
 
 
-def test_pictures_are_read_as_red_green_blue(tmp_path: Path) -> None:
+def test_images_are_read_as_red_green_blue(tmp_path: Path) -> None:
     blue_green_red = np.full((8, 8, 3), (10, 20, 200), dtype=np.uint8)
     cv2.imwrite(str(tmp_path / "red.png"), blue_green_red)
-    picture = read_image(tmp_path / "red.png")
-    assert picture is not None
-    assert picture[4, 4].tolist() == [200, 20, 10]
+    image = read_image(tmp_path / "red.png")
+    assert image is not None
+    assert image[4, 4].tolist() == [200, 20, 10]
 
 
-@pytest.mark.parametrize("content", [b"", b"not a picture", b"\xff\xd8\xff\xda cut off"])
-def test_what_is_no_picture_is_none(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"not a image", b"\xff\xd8\xff\xda cut off"])
+def test_what_is_no_image_is_none(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.jpg").write_bytes(content)
     assert read_image(tmp_path / "bad.jpg") is None
     assert read_image(tmp_path / "missing.jpg") is None
@@ -44,7 +44,7 @@ def read_everything(recipe: FreiHandRecipe) -> None:
 
 
 def damage(root: Path, count: int) -> list[Path]:
-    """Cut off the first pictures of a training part."""
+    """Cut off the first images of a training part."""
     paths = sorted((root / "training" / "rgb").iterdir())[:count]
     for path in paths:
         path.write_bytes(path.read_bytes()[:-40])
@@ -52,7 +52,7 @@ def damage(root: Path, count: int) -> list[Path]:
 
 
 @pytest.mark.parametrize("cached", [False, True])
-def test_a_damaged_picture_is_skipped_with_a_warning(
+def test_a_damaged_image_is_skipped_with_a_warning(
     folder: Folder, tmp_path: Path, caplog: pytest.LogCaptureFixture, cached: bool
 ) -> None:
     recipe = FreiHandRecipe(folder.root, FULL)
@@ -67,7 +67,7 @@ def test_a_damaged_picture_is_skipped_with_a_warning(
 
 
 @pytest.mark.parametrize("cached", [False, True])
-def test_too_many_damaged_pictures_stop_the_run_and_are_named(
+def test_too_many_damaged_images_stop_the_run_and_are_named(
     folder: Folder, tmp_path: Path, cached: bool
 ) -> None:
     paths = damage(folder.root, 30)
@@ -99,14 +99,14 @@ def test_all_splits_share_one_map_and_the_dataset_folder_is_not_written(
     assert sorted(folder.root.rglob("*")) == before
 
 
-def test_a_changed_label_or_picture_makes_a_new_cache(folder: Folder, tmp_path: Path) -> None:
+def test_a_changed_label_or_image_makes_a_new_cache(folder: Folder, tmp_path: Path) -> None:
     recipe = FreiHandRecipe(folder.root, FULL, reading=ReadingPolicy(tmp_path / "cache"))
     old = FreiHand("val", recipe)[0]
     edit_json(folder.root / "training_xyz.json", lambda a: np.add(a, [0, 0.001, 0], out=a))
-    picture = folder.root / "training" / "rgb" / f"{image_number(old.source):08d}.jpg"
+    image = folder.root / "training" / "rgb" / f"{image_number(old.source):08d}.jpg"
     other = folder.root / "training" / "rgb" / f"{(image_number(old.source) + 20):08d}.jpg"
-    picture.write_bytes(other.read_bytes())
-    os.utime(picture, ns=(1, 1))
+    image.write_bytes(other.read_bytes())
+    os.utime(image, ns=(1, 1))
     new = FreiHand("val", recipe)[0]
     assert new.source == old.source
     assert not torch.equal(new.landmarks_2d, old.landmarks_2d)
@@ -136,7 +136,7 @@ def test_a_cache_that_was_never_finished_is_made_anew(folder: Folder, tmp_path: 
 
 
 @pytest.mark.parametrize("cached", [False, True])
-def test_a_damaged_picture_that_was_mended_is_shown(
+def test_a_damaged_image_that_was_mended_is_shown(
     folder: Folder, tmp_path: Path, cached: bool
 ) -> None:
     reading = ReadingPolicy(tmp_path / "cache" if cached else None)

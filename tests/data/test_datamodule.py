@@ -3,83 +3,32 @@ import math
 from pathlib import Path
 from typing import Any
 
-import lightning
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
+# Also for the resolvers that it registers.
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataModule, HandDataset, SeededShuffle
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.synthetic.datamodule import SyntheticDataModule
-
-# Also for the resolvers that it registers.
-from hand_recon.runs.configuration import CONF
-from hand_recon.schema import HandBatch, HandSample
+from hand_recon.schema import HandBatch
+from tests.support.batch_recorder import BatchRecorder, trainer
 from tests.support.freihand_folder import write_folder
-
-
-class Numbered:
-    """Hands whose picture is their own number."""
-
-    def __init__(self, count: int, with_3d: bool = True) -> None:
-        self.count = count
-        self.with_3d = with_3d
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __getitem__(self, index: int) -> HandSample:
-        return HandSample(
-            image=torch.full((3, 16, 16), index, dtype=torch.uint8),
-            landmarks_2d=torch.full((21, 2), 8.0),
-            labelled=torch.ones(21, dtype=torch.bool),
-            index=index,
-            source=f"number {index}",
-            landmarks_3d=torch.full((21, 3), float(index)) if self.with_3d else None,
-        )
-
-
-class Watcher(lightning.LightningModule):
-    """Learns nothing and remembers every batch it was given."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.weight = torch.nn.Parameter(torch.zeros(()))
-        self.seen: dict[str, list[HandBatch]] = {"train": [], "val": [], "test": []}
-
-    def training_step(self, batch: HandBatch, batch_index: int) -> torch.Tensor:
-        self.seen["train"].append(batch)
-        return self.weight * batch.image.mean()
-
-    def validation_step(self, batch: HandBatch, batch_index: int) -> None:
-        self.seen["val"].append(batch)
-
-    def test_step(self, batch: HandBatch, batch_index: int) -> None:
-        self.seen["test"].append(batch)
-
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        return torch.optim.SGD(self.parameters(), lr=0.0)
+from tests.support.numbered_hands import NumberedHands
 
 
 def make(train: int = 20, **arguments: Any) -> HandDataModule:  # noqa: ANN401
     return HandDataModule(
-        lambda: Numbered(train), lambda: Numbered(5), lambda: Numbered(6), crop_size=16, **arguments
-    )
-
-
-def trainer(epochs: int = 1) -> lightning.Trainer:
-    return lightning.Trainer(
-        max_epochs=epochs,
-        accelerator="cpu",
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        num_sanity_val_steps=0,
+        lambda: NumberedHands(train),
+        lambda: NumberedHands(5),
+        lambda: NumberedHands(6),
+        crop_size=16,
+        **arguments,
     )
 
 
@@ -89,7 +38,7 @@ def numbers(batches: list[HandBatch]) -> list[int]:
 
 @pytest.mark.filterwarnings("ignore")
 def test_an_epoch_shows_every_training_hand_once_in_a_new_order() -> None:
-    module = Watcher()
+    module = BatchRecorder()
     trainer(epochs=2).fit(module, datamodule=make(batch_size=4))
     first, second = numbers(module.seen["train"][:5]), numbers(module.seen["train"][5:])
     assert sorted(first) == sorted(second) == list(range(20))
@@ -99,7 +48,7 @@ def test_an_epoch_shows_every_training_hand_once_in_a_new_order() -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_only_training_is_augmented_and_all_images_are_floats() -> None:
-    module, data = Watcher(), make(batch_size=4, augmentation=Augmentation(colour=0.2))
+    module, data = BatchRecorder(), make(batch_size=4, augmentation=Augmentation(colour=0.2))
     run = trainer()
     run.fit(module, datamodule=data)
     run.test(module, datamodule=data, verbose=False)
@@ -114,10 +63,10 @@ def test_only_training_is_augmented_and_all_images_are_floats() -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_two_runs_with_one_seed_see_the_same_pictures() -> None:
+def test_two_runs_with_one_seed_see_the_same_images() -> None:
     runs: list[torch.Tensor] = []
     for seed in (1, 1, 2):
-        module = Watcher()
+        module = BatchRecorder()
         torch.manual_seed(len(runs))
         trainer().fit(module, datamodule=make(batch_size=4, augmentation=Augmentation(), seed=seed))
         runs.append(torch.cat([batch.image for batch in module.seen["train"]]))
@@ -126,7 +75,7 @@ def test_two_runs_with_one_seed_see_the_same_pictures() -> None:
 
 
 def test_the_order_of_an_epoch_depends_on_seed_and_epoch_alone() -> None:
-    shuffle = SeededShuffle(Numbered(50), seed=3)
+    shuffle = SeededShuffle(NumberedHands(50), seed=3)
     first = list(shuffle)
     shuffle.set_epoch(1)
     assert list(shuffle) != first
@@ -178,7 +127,7 @@ def test_a_stage_builds_what_it_needs_once(stage: str | None, expected: list[str
 
     def factory(split: str) -> HandDataset:
         built.append(split)
-        return Numbered(4)
+        return NumberedHands(4)
 
     data = HandDataModule(
         lambda: factory("train"), lambda: factory("val"), lambda: factory("test"), crop_size=16
@@ -194,7 +143,10 @@ def test_ground_truth_is_spread_over_the_training_set() -> None:
     assert truth[0][:, 0, 0].tolist() == [0, 5, 10, 15]
     assert truth[1] is None
     bare = HandDataModule(
-        lambda: Numbered(4, with_3d=False), lambda: Numbered(1), lambda: Numbered(1), crop_size=16
+        lambda: NumberedHands(4, with_3d=False),
+        lambda: NumberedHands(1),
+        lambda: NumberedHands(1),
+        crop_size=16,
     )
     assert bare.train_ground_truth() is None
 
@@ -209,7 +161,7 @@ def test_a_freihand_folder_trains_validates_and_tests(tmp_path: Path) -> None:
         batch_size=8,
         augmentation=Augmentation(),
     )
-    module, run = Watcher(), trainer()
+    module, run = BatchRecorder(), trainer()
     run.fit(module, datamodule=data)
     run.test(module, datamodule=data, verbose=False)
     assert len(numbers(module.seen["train"])) == 64

@@ -91,8 +91,8 @@ def test_ids_count_every_frame_whether_it_shows_a_hand_or_not(written: Path) -> 
     for subject in (0, 2):
         for sequence in sorted((written / SUBJECTS[subject]).iterdir()):
             for serial in SERIALS[:6]:
-                for picture in sorted((sequence / serial).glob("color_*.jpg")):
-                    source = picture.relative_to(written).as_posix()
+                for image in sorted((sequence / serial).glob("color_*.jpg")):
+                    source = image.relative_to(written).as_posix()
                     if not (label_of(written, source)["joint_3d"] == -1).all():
                         expected.append((number, source))
                     number += 1
@@ -155,16 +155,16 @@ def test_labels_are_read_once_and_anew_when_one_is_rewritten(
         DexYcb("test", recipe(root, reading=reading))
 
 
-def test_a_picture_that_is_mended_in_place_is_decoded_and_labels_are_not_read_again(
+def test_a_image_that_is_mended_in_place_is_decoded_and_labels_are_not_read_again(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading = ReadingPolicy(tmp_path / "cache")
     whole = DexYcb("test", recipe(root))
-    picture = root / whole.hands.source(0)
-    content = picture.read_bytes()
-    picture.write_bytes(content[:-40])
+    image = root / whole.hands.source(0)
+    content = image.read_bytes()
+    image.write_bytes(content[:-40])
     assert DexYcb("test", recipe(root, reading=reading)).reader.read(0) is None
-    picture.write_bytes(content)
+    image.write_bytes(content)
     monkeypatch.setattr(labels_module, "_read_all", None)
     mended = DexYcb("test", recipe(root, reading=reading)).reader.read(0)
     assert mended is not None
@@ -204,7 +204,7 @@ def _object_array(path: Path) -> None:
         (lambda path: np.savez(path, joint_2d=np.ones((2, 21, 2)), joint_3d=0, pose_m=0),
          ValueError, r"joint_2d of shape \[2, 21, 2\], expected \[1, 21, 2\]"),
         (lambda path: path.unlink(), FileNotFoundError, "although meta.yml counts it"),
-        (lambda path: shutil.rmtree(path.parent), FileNotFoundError, "has the pictures of eight"),
+        (lambda path: shutil.rmtree(path.parent), FileNotFoundError, "has the images of eight"),
     ],
 )  # fmt: skip
 def test_a_label_that_is_damaged_or_missing_is_named(
@@ -279,7 +279,7 @@ def test_labels_that_are_no_hands_in_metres_before_the_camera_are_refused(
         DexYcb("test", recipe(root))
 
 
-def test_pictures_of_another_size_are_refused(root: Path) -> None:
+def test_images_of_another_size_are_refused(root: Path) -> None:
     for path in root.glob("2*/*/*/color_*.jpg"):
         cv2.imwrite(str(path), np.zeros((240, 320, 3), np.uint8))
     with pytest.raises(ValueError, match=r"has 320 × 240 pixels; .* are for 640 × 480"):

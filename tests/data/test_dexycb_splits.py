@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hand_recon.data.dexycb.files import SERIALS, SUBJECTS, Grasp, picture_path, read_grasps
+from hand_recon.data.dexycb.files import SERIALS, SUBJECTS, Grasp, image_path, read_grasps
 from hand_recon.data.dexycb.splits import enumerate_frames, split_named
 
 RULES: dict[tuple[str, str], tuple[list[int], Callable[[int], bool], list[int]]] = {
@@ -78,24 +78,20 @@ def test_sizes_are_subjects_times_sequences_times_cameras(key: tuple[str, str]) 
 
 
 @pytest.mark.parametrize("setup", ["s0", "s1", "s2", "s3"])
-def test_the_parts_of_a_setup_share_no_picture(setup: str) -> None:
-    pictures: list[Path] = []
+def test_the_parts_of_a_setup_share_no_image(setup: str) -> None:
+    images: list[Path] = []
     for part in ("train", "val", "test"):
         split = split_named(setup, part)
         frames = enumerate_frames(split, of_subjects(split.subjects, lambda *_: 1))
         rows = zip(
             frames.grasp.tolist(), frames.camera.tolist(), frames.number.tolist(), strict=True
         )
-        pictures += [picture_path(frames.grasps[g], camera, number) for g, camera, number in rows]
-    assert (
-        len(set(pictures))
-        == len(pictures)
-        == sum(SIZES[setup, p] for p in ("train", "val", "test"))
-    )
+        images += [image_path(frames.grasps[g], camera, number) for g, camera, number in rows]
+    assert len(set(images)) == len(images) == sum(SIZES[setup, p] for p in ("train", "val", "test"))
 
 
 def write_metas(root: Path, count: int = 100) -> Path:
-    """A subject's sequences without pictures or labels, the last one first."""
+    """A subject's sequences without images or labels, the last one first."""
     folder = root / SUBJECTS[3]
     for place in reversed(range(count)):
         sequence = folder / f"20200903_{100000 + 7 * place}"

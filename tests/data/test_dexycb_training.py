@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 
 from hand_recon.data.dexycb.surfaces import load_pair
-from hand_recon.evaluate import evaluate
 from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
-from hand_recon.train import train
-from tests.commands.test_train import pytestmark as as_in_the_main_job
-from tests.commands.test_train import settings
+from hand_recon.runs.evaluation_run import evaluate
+from hand_recon.runs.training_run import train
+from tests.support.configurations import settings
 from tests.support.mano_file import write_mano_folder
+from tests.support.small_runs import LIGHTNING_WARNINGS
 
-pytestmark = as_in_the_main_job
+pytestmark = LIGHTNING_WARNINGS
 
 SMALL = (
     "data=dexycb", "data.partial=true", "data.batch_size=8", "data.label_workers=0",

@@ -40,7 +40,7 @@ def test_labels_are_the_projections_of_the_landmarks(folder: Folder) -> None:
 
 
 @pytest.mark.parametrize("crop", [CropPolicy(96), CropPolicy(96, "joints", 1.3)])
-def test_dots_in_the_picture_are_where_the_labels_are(folder: Folder, crop: CropPolicy) -> None:
+def test_dots_in_the_image_are_where_the_labels_are(folder: Folder, crop: CropPolicy) -> None:
     data = FreiHand("val", FreiHandRecipe(folder.root, crop))
     sample = data[0]
     columns, rows = sample.landmarks_2d.int().T
@@ -83,7 +83,7 @@ def test_training_sees_four_colourings_and_validation_one(folder: Folder) -> Non
     assert len(FreiHand("val", recipe)) == 2
 
 
-def test_a_root_with_green_screen_pictures_only_is_enough(tmp_path: Path) -> None:
+def test_a_root_with_green_screen_images_only_is_enough(tmp_path: Path) -> None:
     root = write_folder(tmp_path / "own", versions=1).root
     (root / "training_scale.json").unlink()
     assert len(FreiHand("train", FreiHandRecipe(root, FULL))) == 16

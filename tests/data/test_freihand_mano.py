@@ -32,7 +32,7 @@ def folder(tmp_path: Path, mano: Path) -> Folder:
     folder = write_folder(tmp_path / "FreiHAND_pub_v2", hands=HANDS, versions=1)
     random = torch.Generator().manual_seed(0)
     label = torch.randn(HANDS, 61, generator=random) * 0.2
-    # The middle MCP near the middle of a picture of 64 pixels, at 0.6 to 0.8 m for f = 205.
+    # The middle MCP near the middle of a image of 64 pixels, at 0.6 to 0.8 m for f = 205.
     label[:, 58:60] += 32
     label[:, 60] = 205 / (0.6 + 0.2 * torch.rand(HANDS, generator=random))
     layer = ManoLayer.load(mano, landmarks="mano")
@@ -82,7 +82,7 @@ def test_surfaces_are_scored_with_mano_and_left_out_without(
     assert "hand=mano has them" in caplog.text
 
 
-def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_pictures(
+def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_images(
     mano: Path, tmp_path: Path
 ) -> None:
     root = tmp_path / "FreiHAND_pub_v2"
@@ -102,7 +102,7 @@ def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_picture
         assert sample.landmarks_3d is not None
         torch.testing.assert_close(made, sample.vertices, atol=2e-6, rtol=0)
         torch.testing.assert_close(landmarks, sample.landmarks_3d, atol=2e-6, rtol=0)
-        # All of the hand is in the picture, where the mask has it.
+        # All of the hand is in the image, where the mask has it.
         assert ((sample.landmarks_2d > 0) & (sample.landmarks_2d < 224)).all()
         mask = read_image(root / "training" / "mask" / f"{image_number(sample.source):08d}.jpg")
         assert mask is not None

@@ -1,4 +1,4 @@
-"""HInt: pairs of a picture and a JSON file, hidden joints labelled, splits by the archive's folders."""
+"""HInt: pairs of a image and a JSON file, hidden joints labelled, splits by the archive's folders."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from hand_recon.data.landmarks.hint import read_hint
 from hand_recon.data.landmarks.image_files import scene
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
-from tests.support.dotted_pictures import Dotted, assert_same_points
+from tests.support.dotted_images import Dotted, assert_same_points
 
 
 def test_hidden_joints_are_labelled_and_the_name_tells_the_side(tmp_path: Path) -> None:
@@ -22,8 +22,8 @@ def test_hidden_joints_are_labelled_and_the_name_tells_the_side(tmp_path: Path) 
     assert landmarks.labelled.all()
     assert landmarks.occluded is not None
     assert landmarks.occluded[4].nonzero().flatten().tolist() == [0, 5, 10, 15, 20]
-    assert landmarks.names[:2] == ("picture0_l", "picture0_r")
-    assert landmarks.images[1] == folder / "picture0_r.png"
+    assert landmarks.names[:2] == ("image0_l", "image0_r")
+    assert landmarks.images[1] == folder / "image0_r.png"
     assert landmarks.hand_boxes is not None
     left, top, width, height = dotted.boxes()[1].tolist()
     assert landmarks.hand_boxes[1].tolist() == [left, top, left + width, top + height]
@@ -31,10 +31,10 @@ def test_hidden_joints_are_labelled_and_the_name_tells_the_side(tmp_path: Path) 
 
 def test_the_archive_has_its_own_splits(tmp_path: Path) -> None:
     archive = tmp_path / "HInt"
-    for folder, pictures in (("TRAIN_a_img", 4), ("TRAIN_b_img", 3), ("VAL_a_img", 2)):
-        Dotted(tmp_path / folder, pictures).as_hint(str(archive / folder))
+    for folder, images in (("TRAIN_a_img", 4), ("TRAIN_b_img", 3), ("VAL_a_img", 2)):
+        Dotted(tmp_path / folder, images).as_hint(str(archive / folder))
     assert [len(read_hint(archive, split)) for split in ("train", "val")] == [14, 4]
-    with pytest.raises(FileNotFoundError, match="No pair of a picture and a JSON file of test"):
+    with pytest.raises(FileNotFoundError, match="No pair of a image and a JSON file of test"):
         read_hint(archive, "test")
     # Validation is the archive's, and what it has no folder for is held out of training.
     recipe = LandmarkRecipe(archive, val_fraction=0.15, crop=CropPolicy(16, "joints"))
@@ -45,32 +45,32 @@ def test_the_archive_has_its_own_splits(tmp_path: Path) -> None:
     assert splits.dataset("val")[0].source.startswith("VAL_a_img/")
 
 
-def test_both_hands_of_a_picture_are_in_one_split_under_their_two_names(tmp_path: Path) -> None:
+def test_both_hands_of_a_image_are_in_one_split_under_their_two_names(tmp_path: Path) -> None:
     assert scene(Path("/a/b_l.jpg")) == scene(Path("/a/b_r.jpg")) == "/a/b"
     assert scene(Path("/a/b.jpg")) == "/a/b"
-    folder = Dotted(tmp_path, pictures=8).as_hint()
+    folder = Dotted(tmp_path, images=8).as_hint()
     splits = LandmarkSplits(LandmarkRecipe(folder, crop=CropPolicy(16, "joints")))
     scenes = []
     for split in ("train", "val", "test"):
         data = splits.dataset(split)
-        scenes.append({scene(data.hands.pictures[int(row)]) for row in data.rows})
+        scenes.append({scene(data.hands.images[int(row)]) for row in data.rows})
     assert [len(one) for one in scenes] == [6, 1, 1]
     assert len(set.union(*scenes)) == 8
 
 
-def test_hands_without_their_picture_are_left_out_aloud(
+def test_hands_without_their_image_are_left_out_aloud(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = Dotted(tmp_path).as_hint()
-    (folder / "picture1_l.png").unlink()
+    (folder / "image1_l.png").unlink()
     assert len(read_hint(folder)) == 5
-    assert "1 of 6 hands are left out, as there are no pictures beside them" in caplog.text
+    assert "1 of 6 hands are left out, as there are no images beside them" in caplog.text
 
 
 def test_a_name_without_a_side_needs_one(tmp_path: Path) -> None:
     folder = Dotted(tmp_path).as_hint()
     for suffix in (".png", ".json"):
-        (folder / f"picture1_l{suffix}").rename(folder / f"picture1{suffix}")
+        (folder / f"image1_l{suffix}").rename(folder / f"image1{suffix}")
     with pytest.raises(ValueError, match="1 of 6 hands whether they are left or right"):
         read_hint(folder)
     assert read_hint(folder, assumed=Assumptions(side="right")).left.sum() == 2
@@ -89,8 +89,8 @@ def test_a_name_without_a_side_needs_one(tmp_path: Path) -> None:
 def test_every_mistake_names_its_file(tmp_path: Path, content: Any, message: str) -> None:  # noqa: ANN401
     folder = Dotted(tmp_path).as_hint()
     text = content if isinstance(content, str) else json.dumps(content)
-    (folder / "picture1_l.json").write_text(text)
-    with pytest.raises(ValueError, match=rf"picture1_l\.json.*{message}"):
+    (folder / "image1_l.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"image1_l\.json.*{message}"):
         read_hint(folder)
 
 

@@ -37,11 +37,11 @@ def recipe(folder: Folder, **fields: Any) -> Ho3dRecipe:  # noqa: ANN401  # any 
 
 
 def agrees(sample: HandSample, hand: Hand) -> None:
-    """Points to 1e-6 m, pixels of the picture to 1e-3."""
+    """Points to 1e-6 m, pixels of the image to 1e-3."""
     assert sample.landmarks_3d is not None
     assert sample.intrinsics is not None
     np.testing.assert_allclose(sample.landmarks_3d, hand.landmarks, atol=1e-6)
-    # The crop's camera is the picture's behind one matrix: it takes the picture's pixels to the labels.
+    # The crop's camera is the image's behind one matrix: it takes the image's pixels to the labels.
     matrix = sample.intrinsics.double().numpy() @ np.linalg.inv(hand.intrinsics)
     pixels = hand.pixels() @ matrix[:2, :2].T + matrix[:2, 2]
     np.testing.assert_allclose(sample.landmarks_2d, pixels, atol=1e-3)

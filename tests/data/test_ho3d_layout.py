@@ -12,20 +12,14 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.datamodule import Ho3dDataModule
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.data.synthetic.scene import synthetic_view
-from hand_recon.evaluate import evaluate
 from hand_recon.rehearsal.ho3d import Ho3dFolder, write_ho3d_layout
-from hand_recon.runs.configuration import build_data
-from hand_recon.train import train
-from tests.commands.test_train import SMALL, settings
-from tests.runs.test_configuration import composed
+from hand_recon.runs.building import build_data
+from hand_recon.runs.evaluation_run import evaluate
+from hand_recon.runs.training_run import train
+from tests.support.configurations import composed, settings
+from tests.support.small_runs import LIGHTNING_WARNINGS, SMALL
 
-# Lightning's own, as in the main job's test.
-pytestmark = pytest.mark.filterwarnings(
-    "ignore:.*treespec:FutureWarning",
-    "ignore:.*LeafSpec",
-    "ignore:.*does not have many workers",
-    "ignore:.*litlogger",
-)
+pytestmark = LIGHTNING_WARNINGS
 
 WRITTEN = Ho3dFolder(frames=3, evaluation_frames=3, size=(64, 48))
 
@@ -47,7 +41,7 @@ def test_the_tree_is_ho3ds(root: Path) -> None:
             sequence, number = frame.split("/")
             assert (root / part / sequence / "rgb" / f"{number}.jpg").is_file()
             assert (root / part / sequence / "meta" / f"{number}.pkl").is_file()
-    # One more frame of each sequence has a picture and no annotation.
+    # One more frame of each sequence has a image and no annotation.
     assert len(list(root.glob("train/*/rgb/*.jpg"))) == len(lists["train"]) + 5
     content = (root / "train" / "MC1" / "meta" / "0003.pkl").read_bytes()
     assert content[:2] == b"\x80\x02"
@@ -92,7 +86,7 @@ def test_the_loader_finds_the_hands_that_were_written(root: Path) -> None:
     assert len(set(focal)) == len(set(dict(focal).values())) == 2
 
 
-def test_version_2_has_png_pictures_and_no_contact(tmp_path: Path) -> None:
+def test_version_2_has_png_images_and_no_contact(tmp_path: Path) -> None:
     written = Ho3dFolder(
         "v2", ("ABF10", "MC1"), 1, ("SM1",), 1, unannotated=0, with_vertices=False, size=(64, 48)
     )

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.datamodule import gather
+from hand_recon.data.datamodule import load_batch
 from hand_recon.data.ho3d.datamodule import Ho3dDataModule
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.hand.mano.hand import mano_hand
@@ -48,7 +48,7 @@ def test_parameters_pose_the_hand_that_the_labels_show(folder: Folder, mano: Pat
     data = module.dataset("train")
     assert parameters is not None
     placed = mano_hand(mano, "ho3d").to_camera(parameters)
-    truth = gather(data, list(range(len(data)))).landmarks_3d
+    truth = load_batch(data, list(range(len(data)))).landmarks_3d
     assert truth is not None
     torch.testing.assert_close(placed.landmarks, truth, atol=1e-5, rtol=0)
     fewer = module.train_parameters(3)

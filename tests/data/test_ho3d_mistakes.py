@@ -110,7 +110,7 @@ def test_one_hand_behind_the_camera_is_named(folder: Folder) -> None:
         Ho3d("train", recipe(folder))
 
 
-def test_cameras_of_other_pictures_are_refused(folder: Folder) -> None:
+def test_cameras_of_other_images_are_refused(folder: Folder) -> None:
     def enlarge(meta: dict[str, Any]) -> None:
         meta["camMat"] = np.diag([8.0, 8.0, 1.0]) @ meta["camMat"]
 

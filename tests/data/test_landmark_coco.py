@@ -17,7 +17,7 @@ from tests.support.landmark_writing import (
 )
 
 
-def test_coco_keypoints_come_with_their_pictures_and_sides(tmp_path: Path) -> None:
+def test_coco_keypoints_come_with_their_images_and_sides(tmp_path: Path) -> None:
     visibility = np.tile([2, 1, 0], 7)
     content = {
         "images": [{"id": 7, "file_name": "x/a.jpg", "width": 640, "height": 480}],
@@ -83,7 +83,7 @@ def test_the_hands_of_a_whole_body_are_found_by_their_place(
     bodies[0, first : first + 21] = with_scores()[0]
     bodies[0, first + 21 : first + 42] = with_scores()[1]
     bodies[1, first + 21 : first + 42] = with_scores()[2]
-    # A hand that is not in the picture is left out; the person's box is no hand's.
+    # A hand that is not in the image is left out; the person's box is no hand's.
     people = [
         {
             "image_id": "a.jpg", "bbox": [0, 0, 900, 900],

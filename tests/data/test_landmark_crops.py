@@ -90,7 +90,7 @@ def test_a_hand_needs_four_landmarks_in_more_than_one_place() -> None:
     assert landmarks.usable.tolist() == [False, True, False, True]
 
 
-def test_names_and_pictures_must_be_as_many_as_hands() -> None:
+def test_names_and_images_must_be_as_many_as_hands() -> None:
     with pytest.raises(ValueError, match="4 hands have 4 names and 1 images; expected one of each"):
         LandmarkSet(
             seen(0).landmarks_2d, seen(0).labelled, LEFT, tuple("abcd"), images=(Path("a.png"),)
@@ -148,7 +148,7 @@ def test_u_is_mirrored_about_the_principal_point_or_the_middle_of_the_box() -> N
 
 
 @given(seeds, st.floats(1.0, 3.0), st.integers(0, 15))
-def test_crops_are_those_that_pictures_get(seed: int, expansion: float, hidden: int) -> None:
+def test_crops_are_those_that_images_get(seed: int, expansion: float, hidden: int) -> None:
     landmarks = mirror_left(seen(seed, hidden=hidden))
     crops = to_crops(landmarks, expansion)
     assert crops.batch.intrinsics is not None
@@ -186,7 +186,7 @@ def test_a_left_hand_and_its_mirror_image_give_one_crop() -> None:
     assert_close(to_crops(landmarks).batch.landmarks_2d, to_crops(mirrored).batch.landmarks_2d)
 
 
-def test_the_crop_of_an_uncalibrated_hand_has_no_camera_and_is_a_batch_without_pictures() -> None:
+def test_the_crop_of_an_uncalibrated_hand_has_no_camera_and_is_a_batch_without_images() -> None:
     batch = to_crops(seen(0, calibrated=False)).batch
     assert batch.intrinsics is None
     assert len(batch) == HANDS

@@ -131,7 +131,7 @@ def test_what_is_not_told_is_assumed_by_name(tmp_path: Path) -> None:
         Assumptions(order="mine")
 
 
-def test_objects_tell_side_picture_and_camera(tmp_path: Path) -> None:
+def test_objects_tell_side_image_and_camera(tmp_path: Path) -> None:
     hands = [
         {"landmarks": POINTS[0].tolist(), "side": "Left", "image": "a.jpg", "K": CAMERA},
         {"landmarks_2d": POINTS[1].tolist(), "handedness": "right", "intrinsics": CAMERA},
@@ -149,10 +149,10 @@ def test_objects_tell_side_picture_and_camera(tmp_path: Path) -> None:
     assert (landmarks.sigma[2] == 2.5).all()
 
 
-def test_one_object_is_one_hand_and_pictures_may_lie_elsewhere(tmp_path: Path) -> None:
+def test_one_object_is_one_hand_and_images_may_lie_elsewhere(tmp_path: Path) -> None:
     path = written(tmp_path, {"landmarks": POINTS[0].tolist(), "image": "a.jpg"})
-    landmarks = read_landmarks(path, assumed=Assumptions(images=Path("/pictures")))
-    assert landmarks.images == (Path("/pictures/a.jpg"),)
+    landmarks = read_landmarks(path, assumed=Assumptions(images=Path("/images")))
+    assert landmarks.images == (Path("/images/a.jpg"),)
 
 
 def test_keys_that_are_not_read_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

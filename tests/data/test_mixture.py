@@ -20,17 +20,18 @@ from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
 from hand_recon.data.mixture import MixedHands, MixtureDataModule, WeightedShuffle, shares
 from hand_recon.schema import HandBatch
-from tests.data.test_datamodule import Numbered, Watcher, trainer
-from tests.support.dotted_pictures import Dotted
+from tests.support.batch_recorder import BatchRecorder, trainer
+from tests.support.dotted_images import Dotted
 from tests.support.freihand_folder import write_folder
+from tests.support.numbered_hands import NumberedHands
 
 SIZE = 16
 
 
 def numbered(count: int, with_3d: bool = True, size: int = SIZE) -> HandDataModule:
     return HandDataModule(
-        lambda: Numbered(count, with_3d), lambda: Numbered(5), lambda: Numbered(6), crop_size=size,
-        batch_size=3, augmentation=Augmentation(),
+        lambda: NumberedHands(count, with_3d), lambda: NumberedHands(5), lambda: NumberedHands(6),
+        crop_size=size, batch_size=3, augmentation=Augmentation(),
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def test_processes_share_an_epoch_and_follow_its_number() -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_a_resumed_run_sees_the_epochs_that_it_would_have_seen(tmp_path: Path) -> None:
     def run(epochs: int, checkpoint: Path | None = None) -> tuple[list[int], lightning.Trainer]:
-        module, runner = Watcher(), trainer(epochs)
+        module, runner = BatchRecorder(), trainer(epochs)
         runner.fit(module, datamodule=mixture(batch_size=10, epoch_size=40), ckpt_path=checkpoint)
         return torch.cat([batch.index for batch in module.seen["train"]]).tolist(), runner
 
@@ -141,7 +142,7 @@ def test_a_resumed_run_sees_the_epochs_that_it_would_have_seen(tmp_path: Path) -
 
 
 def test_hands_have_numbers_of_their_own_and_the_name_of_their_dataset() -> None:
-    hands = MixedHands({"many": Numbered(80), "few": Numbered(20)})
+    hands = MixedHands({"many": NumberedHands(80), "few": NumberedHands(20)})
     assert [hands[index].index for index in range(100)] == list(range(100))
     assert (hands[79].source, hands[80].source) == ("many: number 79", "few: number 0")
     with pytest.raises(IndexError, match="Sample 100 of 100"):
@@ -149,16 +150,16 @@ def test_hands_have_numbers_of_their_own_and_the_name_of_their_dataset() -> None
 
 
 def test_hands_without_3d_have_an_unknown_one_even_in_a_batch_of_their_own() -> None:
-    few = MixedHands({"many": Numbered(4), "few": Numbered(4, with_3d=False)})[5]
+    few = MixedHands({"many": NumberedHands(4), "few": NumberedHands(4, with_3d=False)})[5]
     assert few.landmarks_3d is not None
     assert few.landmarks_3d.isnan().all()
-    assert MixedHands({"few": Numbered(4, with_3d=False)})[1].landmarks_3d is None
+    assert MixedHands({"few": NumberedHands(4, with_3d=False)})[1].landmarks_3d is None
 
 
 def real_parts(folder: Path) -> dict[str, HandDataModule]:
     crop = CropPolicy(32, "joints")
     freihand = write_folder(folder / "freihand", hands=8).root
-    path = Dotted(folder / "wild", pictures=8).as_coco()
+    path = Dotted(folder / "wild", images=8).as_coco()
     return {
         "freihand": FreiHandDataModule(freihand, crop=crop, landmarks="knuckle"),
         "wild": LandmarkDataModule(path, crop=crop),
@@ -190,7 +191,7 @@ def test_a_mixed_batch_keeps_the_cameras_that_are_known_and_assumes_the_others(
             else:
                 assert torch.equal(batch.intrinsics[place], assumed)
                 assert batch.landmarks_3d[place].isnan().all()
-    # 6 × 4 pictures of FreiHAND and 12 hands of the other: batches of 8 leave 4 of an epoch out.
+    # 6 × 4 images of FreiHAND and 12 hands of the other: batches of 8 leave 4 of an epoch out.
     assert min(seen.values()) >= 14
     assert seen.total() == 32
 
@@ -220,14 +221,14 @@ def test_one_part_is_scored_the_first_if_none_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_batches_and_augmentation_are_the_mixtures() -> None:
-    module = Watcher()
+    module = BatchRecorder()
     trainer().fit(module, datamodule=mixture(batch_size=25))
     assert [len(batch) for batch in module.seen["train"]] == [25] * 4
     for batch in module.seen["train"]:
-        # The parts would be augmented: here, each picture still is its own number.
+        # The parts would be augmented: here, each image still is its own number.
         own = torch.where(batch.index < 80, batch.index, batch.index - 80)
         assert torch.equal((batch.image[:, 0, 8, 8] * 255).round().long(), own)
-    augmented = Watcher()
+    augmented = BatchRecorder()
     trainer().fit(augmented, datamodule=mixture(batch_size=25, augmentation=Augmentation()))
     assert not torch.equal(augmented.seen["train"][0].image, module.seen["train"][0].image)
 

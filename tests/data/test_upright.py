@@ -116,7 +116,7 @@ def test_what_is_upright_stays(seen: HandBatch) -> None:
 
 
 @pytest.mark.parametrize("degrees", [30, 90, 180, 271])
-def test_a_turned_shifted_and_scaled_picture_gives_the_same_crop(
+def test_a_turned_shifted_and_scaled_image_gives_the_same_crop(
     seen: HandBatch, degrees: float
 ) -> None:
     angle = math.radians(degrees)

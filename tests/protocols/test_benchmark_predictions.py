@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import nn
 
-from hand_recon.data.annotated_dataset import PictureHands, PictureRecipe
+from hand_recon.data.annotated_dataset import AnnotatedImages, ImageRecipe
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.protocols.benchmark_predictions import predict_test
@@ -37,7 +37,7 @@ class Oracle(nn.Module):
 
 def dots(root: Path) -> HandDataModule:
     """Three hands, of which two are left ones."""
-    split = partial(PictureHands, annotated(root), recipe=PictureRecipe(CropPolicy(64)))
+    split = partial(AnnotatedImages, annotated(root), recipe=ImageRecipe(CropPolicy(64)))
     return HandDataModule(split, split, split, crop_size=64, batch_size=2)
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import torch
 
 from hand_recon.data.dexycb.dataset import AROUND_JOINTS, DexYcb, DexYcbRecipe
-from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import ImageDataModule
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters
 
 
-class DexYcbDataModule(PictureDataModule):
+class DexYcbDataModule(ImageDataModule):
     """Real right and left hands in DexYCB's layout; see `DexYcbRecipe` for what may be chosen."""
 
     name = "dexycb"

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotated_dataset import AnnotatedImages, Benchmark, ImageRecipe
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
@@ -21,7 +21,7 @@ from hand_recon.data.dexycb.files import (
     SIZE,
     SUBJECTS,
     find_root,
-    picture_path,
+    image_path,
     present,
     read_betas,
     read_grasps,
@@ -58,7 +58,7 @@ class DexYcbRecipe:
     crop: CropPolicy = AROUND_JOINTS
     """Size and place of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged pictures are too many."""
+    """Caches, and how many damaged images are too many."""
     label_workers: int = 2
     """Processes that read the labels, once."""
     partial: bool = False
@@ -88,7 +88,7 @@ class DexYcbRecipe:
             )
 
 
-class DexYcb(PictureHands):
+class DexYcb(AnnotatedImages):
     """One part of a setup."""
 
     ids: Int[np.ndarray, " sample"]
@@ -97,7 +97,7 @@ class DexYcb(PictureHands):
     """Subjects that are not there."""
 
     def __init__(self, split: str, recipe: DexYcbRecipe, with_vertices: bool | None = None) -> None:
-        """Read the labels, once; pictures are read when asked for, or once into the cache.
+        """Read the labels, once; images are read when asked for, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
@@ -107,7 +107,7 @@ class DexYcb(PictureHands):
         Raises:
             FileNotFoundError: A file or a subject is missing.
             ValueError: The files contradict each other, or there is no such split.
-            RuntimeError: More pictures are damaged than allowed.
+            RuntimeError: More images are damaged than allowed.
         """
         self.split = split
         self.recipe = recipe
@@ -128,7 +128,7 @@ class DexYcb(PictureHands):
         self.frames, self.labels = frames.select(kept), labels.select(kept)
         self.left = _of_grasps(self.frames, [grasp.left for grasp in frames.grasps])
         table = self._annotated(split == "test" if with_vertices is None else with_vertices)
-        super().__init__(table, recipe=PictureRecipe(recipe.crop, recipe.reading))
+        super().__init__(table, recipe=ImageRecipe(recipe.crop, recipe.reading))
 
     def surfaces(self) -> DexYcbSurfaces | None:
         """MANO as the labels pose it; None, and a warning, where MANO is not there."""
@@ -187,7 +187,7 @@ class DexYcb(PictureHands):
         return AnnotatedHands(
             name=f"dexycb-{self.name}",
             root=self.root,
-            pictures=_Pictures(frames),
+            images=_Images(frames),
             fingerprint=digest(vars(self._files), self.labels.joint_2d),
             landmarks_2d=self.labels.joint_2d,
             left=self.left,
@@ -207,19 +207,19 @@ class DexYcb(PictureHands):
         return None
 
     def _check_size(self) -> None:
-        """Refuse pictures of another size, which the camera matrices are not for."""
-        path = _Pictures(self.frames)[0]
-        picture = read_image(path)
-        if picture is not None and picture.shape[:2] != SIZE:
-            height, width = picture.shape[:2]
+        """Refuse images of another size, which the camera matrices are not for."""
+        path = _Images(self.frames)[0]
+        image = read_image(path)
+        if image is not None and image.shape[:2] != SIZE:
+            height, width = image.shape[:2]
             raise ValueError(
                 f"{path} has {width} × {height} pixels; labels and cameras are for {SIZE[1]} × {SIZE[0]}. "
-                "Use the pictures as they were released; crops are cut and kept (data.reading.decode_cache)."
+                "Use the images as they were released; crops are cut and kept (data.reading.decode_cache)."
             )
 
 
-class _Pictures:
-    """The picture of each frame."""
+class _Images:
+    """The image of each frame."""
 
     def __init__(self, frames: Frames) -> None:
         self.frames = frames
@@ -230,7 +230,7 @@ class _Pictures:
     def __getitem__(self, row: int) -> Path:
         frames = self.frames
         grasp = frames.grasps[int(frames.grasp[row])]
-        return picture_path(grasp, int(frames.camera[row]), int(frames.number[row]))
+        return image_path(grasp, int(frames.camera[row]), int(frames.number[row]))
 
 
 def _of_grasps(

@@ -33,7 +33,7 @@ SEQUENCES: Final = 100
 """Sequences of a subject: 20 things, each grasped five times."""
 
 SIZE: Final = (480, 640)
-"""Height and width of its pictures, pixels."""
+"""Height and width of its images, pixels."""
 
 _SEQUENCE_NAME: Final = re.compile(r"\d{8}_\d{6}")
 
@@ -63,13 +63,13 @@ class Grasp:
     """Name of the hand's shape: a subject has several."""
 
 
-def picture_path(grasp: Grasp, camera: int, frame: int) -> Path:
-    """The picture of a frame."""
-    return grasp.folder / SERIALS[camera] / picture_name(frame)
+def image_path(grasp: Grasp, camera: int, frame: int) -> Path:
+    """The image of a frame."""
+    return grasp.folder / SERIALS[camera] / image_name(frame)
 
 
-def picture_name(frame: int) -> str:
-    """What a frame's picture is called in each camera's folder."""
+def image_name(frame: int) -> str:
+    """What a frame's image is called in each camera's folder."""
     return f"color_{frame:06d}.jpg"
 
 
@@ -138,7 +138,7 @@ def read_grasps(root: Path, subject: int) -> list[Grasp]:
 
 
 def read_intrinsics(root: Path) -> Float[np.ndarray, "camera=8 3 3"]:
-    """Colour cameras' matrices, pixels of the whole picture, in the order of `SERIALS`.
+    """Colour cameras' matrices, pixels of the whole image, in the order of `SERIALS`.
 
     Raises:
         FileNotFoundError: A file is missing.

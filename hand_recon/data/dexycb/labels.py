@@ -1,4 +1,4 @@
-"""DexYCB's labels, one small archive per picture, read once into three arrays.
+"""DexYCB's labels, one small archive per image, read once into three arrays.
 
 `joint_2d` is the projection of `joint_3d` by the colour camera's matrix, as FreiHAND's labels are, and is
 taken as it is: no half pixel is added, although the camera's maker counts pixels from their centres.
@@ -46,7 +46,7 @@ class DexYcbLabels:
     """The labels of some frames."""
 
     joint_2d: Float[np.ndarray, "frame landmark=21 2"]
-    """Pixels of the whole picture, also outside it."""
+    """Pixels of the whole image, also outside it."""
     joint_3d: Float[np.ndarray, "frame landmark=21 3"]
     """Camera's frame, metres."""
     pose_m: Float[np.ndarray, "frame number=51"]

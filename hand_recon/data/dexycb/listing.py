@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from hand_recon.data.cache import digest, file_identity
-from hand_recon.data.dexycb.files import SERIALS, label_path, picture_name
+from hand_recon.data.dexycb.files import SERIALS, image_name, label_path
 from hand_recon.data.dexycb.splits import Frames
 
 _LOOKERS: Final = 8
@@ -27,12 +27,12 @@ class FrameFiles:
 
     labels: str
     """Of the labels and of each `meta.yml`."""
-    pictures: str
-    """Of the pictures."""
+    images: str
+    """Of the images."""
 
 
 def look_at_files(frames: Frames) -> FrameFiles:
-    """Look once at the size and time of change of every label and picture of some frames.
+    """Look once at the size and time of change of every label and image of some frames.
 
     Raises:
         FileNotFoundError: A camera's folder is missing.
@@ -44,7 +44,7 @@ def look_at_files(frames: Frames) -> FrameFiles:
     wanted = (frames.grasp, frames.camera, frames.number)
     return FrameFiles(
         labels=digest(metas, [labels for labels, _ in seen], *wanted),
-        pictures=digest([pictures for _, pictures in seen]),
+        images=digest([images for _, images in seen]),
     )
 
 
@@ -61,28 +61,28 @@ def tasks_of(frames: Frames) -> Iterator[Task]:
         folder = grasp.folder / SERIALS[int(frames.camera[start])]
         if not folder.is_dir():
             raise FileNotFoundError(
-                f"No folder {folder}: every sequence has the pictures of eight cameras. Unpack the archive "
+                f"No folder {folder}: every sequence has the images of eight cameras. Unpack the archive "
                 "of its subject again."
             )
         yield folder, tuple(frames.number[start:stop].tolist())
 
 
 def _look_into_folder(task: Task) -> tuple[str, str]:
-    """What its labels are known by, and its pictures; a file that is missing is none of them."""
+    """What its labels are known by, and its images; a file that is missing is none of them."""
     folder, numbers = task
     with os.scandir(folder) as entries:
         there = {entry.name: entry for entry in entries}
     kinds = (
         [label_path(folder, number).name for number in numbers],
-        [picture_name(number) for number in numbers],
+        [image_name(number) for number in numbers],
     )
-    labels, pictures = (
+    labels, images = (
         digest(
             str(folder), [(name, *_size_and_time(there[name])) for name in names if name in there]
         )
         for names in kinds
     )
-    return labels, pictures
+    return labels, images
 
 
 def _size_and_time(entry: "os.DirEntry[str]") -> tuple[int, int]:

@@ -7,14 +7,14 @@ import torch
 
 from hand_recon.data.freihand.dataset import FreiHand
 from hand_recon.data.freihand.splits import FreiHandRecipe, training_mano
-from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import ImageDataModule
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.hand.mano.labels import freihand_parameters
 from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.schema import HandParameters
 
 
-class FreiHandDataModule(PictureDataModule):
+class FreiHandDataModule(ImageDataModule):
     """Real hands in FreiHAND's layout; see `FreiHandRecipe` for what may be chosen."""
 
     name = "freihand"
@@ -26,14 +26,14 @@ class FreiHandDataModule(PictureDataModule):
         self,
         *place: Path | str,
         mano: Path | str | None = None,
-        **options: Any,  # noqa: ANN401  # Those of `PictureDataModule`.
+        **options: Any,  # noqa: ANN401  # Those of `ImageDataModule`.
     ) -> None:
         """Remember what to read.
 
         Args:
             *place: The folder that holds `training_xyz.json`, unless it is given as `root`.
             mano: The folder of the user's MANO, for `train_parameters` alone.
-            **options: Those of `PictureDataModule`, and fields of `FreiHandRecipe`.
+            **options: Those of `ImageDataModule`, and fields of `FreiHandRecipe`.
         """
         self.mano = mano
         super().__init__(*place, **options)

@@ -1,6 +1,6 @@
 """FreiHAND: real right hands with camera matrices; 2D labels are projected 3D ones (Sec. 4.1).
 
-Any folder in FreiHAND's layout will do. Training reads pictures, `training_K.json` and
+Any folder in FreiHAND's layout will do. Training reads images, `training_K.json` and
 `training_xyz.json`; vertices are used where present, for evaluation.
 """
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotated_dataset import AnnotatedImages, Benchmark, ImageRecipe
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.freihand.splits import FreiHandRecipe, choose_hands
 from hand_recon.data.images import read_image
@@ -20,13 +20,13 @@ from hand_recon.hand.skeleton import ROOT_LANDMARK
 logger = logging.getLogger(__name__)
 
 
-class FreiHand(PictureHands):
+class FreiHand(AnnotatedImages):
     """One split: training hands in all their colourings, others in one."""
 
     def __init__(
         self, split: str, recipe: FreiHandRecipe, with_vertices: bool | None = None
     ) -> None:
-        """Read the annotations; pictures are read when asked for, or once into the cache.
+        """Read the annotations; images are read when asked for, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
@@ -37,7 +37,7 @@ class FreiHand(PictureHands):
         Raises:
             FileNotFoundError: A file is missing.
             ValueError: The files contradict each other, or there is no such split.
-            RuntimeError: More pictures are damaged than allowed.
+            RuntimeError: More images are damaged than allowed.
         """
         if split not in ("train", "val", "test"):
             raise ValueError(f"Unknown split {split!r}; choose train, val or test.")
@@ -54,19 +54,19 @@ class FreiHand(PictureHands):
             table,
             # The benchmark shows each hand once; four colourings of it would only cost time.
             self._images_of(self.chosen, versions if split == "train" else versions[:1]),
-            PictureRecipe(crop, recipe.reading),
+            ImageRecipe(crop, recipe.reading),
             cached_rows=self._images_of(np.arange(len(self.part)), versions),
         )
 
     def _annotated(self, with_vertices: bool) -> AnnotatedHands:
-        """The whole part, one row per picture: image i + N·v is version v of hand i."""
+        """The whole part, one row per image: image i + N·v is version v of hand i."""
         part = self.part
         versions = len(part.versions)
         vertices = self._choose_vertices(with_vertices)
         return AnnotatedHands(
             name=f"freihand-{part.name}",
             root=part.rgb.parents[1],
-            pictures=part.pictures,
+            images=part.images,
             fingerprint=part.fingerprint,
             landmarks_2d=np.tile(part.projections(), (versions, 1, 1)),
             intrinsics=np.tile(part.intrinsics, (versions, 1, 1)),
@@ -127,31 +127,31 @@ class FreiHand(PictureHands):
         return vertices
 
     def _check_projections(self) -> None:
-        """Refuse labels of which most are far outside the pictures: K belongs to another size."""
-        picture = read_image(self.part.pictures[int(self.chosen[0])]) if len(self.chosen) else None
-        if picture is None:
+        """Refuse labels of which most are far outside the images: K belongs to another size."""
+        image = read_image(self.part.images[int(self.chosen[0])]) if len(self.chosen) else None
+        if image is None:
             return
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         size = np.array([width, height])
         middle = self.part.projections()[:, ROOT_LANDMARK]
         outside = np.any(np.abs(middle - size / 2) > size, axis=-1)
         if outside.mean() > 0.5:
             raise ValueError(
                 f"{self.part.root / f'{self.part.name}_K.json'}: {int(outside.sum())} of "
-                f"{outside.size} hands project far outside their pictures of {width} × {height} "
-                "pixels. The camera matrices must be those of the pictures as they are on the disk."
+                f"{outside.size} hands project far outside their images of {width} × {height} "
+                "pixels. The camera matrices must be those of the images as they are on the disk."
             )
 
 
 class _Repeated:
-    """Something per hand, asked for by picture."""
+    """Something per hand, asked for by image."""
 
-    def __init__(self, of_hand: Any, hands: int) -> None:  # noqa: ANN401  # an array, or pictures
+    def __init__(self, of_hand: Any, hands: int) -> None:  # noqa: ANN401  # an array, or images
         self.of_hand = of_hand
         self.hands = hands
 
     def __len__(self) -> int:
         return len(self.of_hand)
 
-    def __getitem__(self, row: int) -> Any:  # noqa: ANN401  # what the array or the pictures hold
+    def __getitem__(self, row: int) -> Any:  # noqa: ANN401  # what the array or the images hold
         return self.of_hand[row % self.hands]

@@ -17,8 +17,8 @@ from hand_recon.camera import project_array
 from hand_recon.data.cache import digest
 from hand_recon.data.freihand.image_files import (
     ARCHIVES,
-    NumberedPictures,
-    list_pictures,
+    NumberedImages,
+    list_images,
     masks_fingerprint,
 )
 from hand_recon.data.json_arrays import load_json_array
@@ -36,13 +36,13 @@ class FreiHandPart:
     root: Path
     """The folder that holds the annotations."""
     rgb: Path
-    """The folder that holds the pictures."""
+    """The folder that holds the images."""
     suffix: str
     """How their names end."""
     versions: tuple[str, ...]
     """Which versions of each hand are there."""
     fingerprint: str
-    """Changes whenever a picture, a mask or a label does."""
+    """Changes whenever a image, a mask or a label does."""
     intrinsics: Float[np.ndarray, "hand 3 3"]
     """Camera matrices, pixels of the image."""
     landmarks: Float[np.ndarray, "hand landmark=21 3"]
@@ -57,14 +57,14 @@ class FreiHandPart:
         return len(self.landmarks)
 
     @property
-    def pictures(self) -> NumberedPictures:
+    def images(self) -> NumberedImages:
         """The files of all images."""
-        return NumberedPictures(self.rgb, self.suffix, len(self) * len(self.versions))
+        return NumberedImages(self.rgb, self.suffix, len(self) * len(self.versions))
 
     @property
-    def masks(self) -> NumberedPictures:
+    def masks(self) -> NumberedImages:
         """Where the hand is white, one per hand, whatever its colouring; only training has them."""
-        return NumberedPictures(self.rgb.with_name("mask"), ".jpg", len(self))
+        return NumberedImages(self.rgb.with_name("mask"), ".jpg", len(self))
 
     def projections(self) -> Float[np.ndarray, "hand landmark=21 2"]:
         """The 2D labels, which FreiHAND does not store: u = K x / z, pixels of the image."""
@@ -93,7 +93,7 @@ def open_part(
         root: Folder of the annotations.
         part: `training` or `evaluation`.
         cache_dir: Where parsed annotations are kept; none parses them every time.
-        rgb_root: Folder of the pictures, if it is another.
+        rgb_root: Folder of the images, if it is another.
 
     Raises:
         FileNotFoundError: A file is missing.
@@ -107,7 +107,7 @@ def open_part(
         scale = load_list(root, part, "scale", (len(landmarks),), cache_dir)
         _check_scale(root / f"{part}_scale.json", landmarks, scale)
     rgb = (rgb_root or root) / part / "rgb"
-    suffix, count, fingerprint = list_pictures(rgb)
+    suffix, count, fingerprint = list_images(rgb)
     allowed = len(VERSIONS) if part == "training" else 1
     if count not in [len(landmarks) * versions for versions in range(1, allowed + 1)]:
         multiples = "once to four times" if allowed > 1 else "exactly"
@@ -131,7 +131,7 @@ def open_part(
 
 
 def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Path] | None:
-    """Where the evaluation's annotations and pictures are: its archive unpacks beside the other.
+    """Where the evaluation's annotations and images are: its archive unpacks beside the other.
 
     Args:
         root: Folder of the training part.
@@ -186,7 +186,7 @@ def _missing(root: Path, name: str, part: str) -> str:
         return f"No {name} in {root}, but there is one in {nested[0]}: set data.root={nested[0]}."
     return (
         f"No {name} in {root}. It is part of {ARCHIVES[part]}: unpack that there, or write it in "
-        "the same format for your own pictures (data/README.md)."
+        "the same format for your own images (data/README.md)."
     )
 
 

@@ -1,4 +1,4 @@
-"""FreiHAND's pictures: numbered without gaps, of one kind."""
+"""FreiHAND's images: numbered without gaps, of one kind."""
 
 import os
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ ARCHIVES: Final = {"training": "FreiHAND_pub_v2.zip", "evaluation": "FreiHAND_pu
 """Which download holds each part's annotations."""
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""Kinds of picture that are read; one folder holds one kind."""
+"""Kinds of image that are read; one folder holds one kind."""
 
 
 @dataclass(frozen=True)
-class NumberedPictures:
-    """Pictures named by their number."""
+class NumberedImages:
+    """Images named by their number."""
 
     folder: Path
     """Where they are."""
@@ -32,23 +32,23 @@ class NumberedPictures:
         return self.folder / f"{number:08d}{self.suffix}"
 
 
-def list_pictures(rgb: Path) -> tuple[str, int, str]:
-    """Suffix, number and fingerprint of the pictures in a folder.
+def list_images(rgb: Path) -> tuple[str, int, str]:
+    """Suffix, number and fingerprint of the images in a folder.
 
     Raises:
-        FileNotFoundError: The folder or a picture is missing.
-        ValueError: There are pictures of several kinds, or none.
+        FileNotFoundError: The folder or a image is missing.
+        ValueError: There are images of several kinds, or none.
     """
     if not rgb.is_dir():
         raise FileNotFoundError(
-            f"No folder {rgb}. It holds the pictures 00000000.jpg, 00000001.jpg and so on: unpack "
+            f"No folder {rgb}. It holds the images 00000000.jpg, 00000001.jpg and so on: unpack "
             f"{ARCHIVES['training']} again."
         )
     found = _files(rgb)
     suffixes = {Path(name).suffix for name in found}
     if len(suffixes) != 1:
         raise ValueError(
-            f"{rgb} holds pictures of {len(suffixes)} kinds {sorted(suffixes)}; expected one kind, "
+            f"{rgb} holds images of {len(suffixes)} kinds {sorted(suffixes)}; expected one kind, "
             f"named 00000000.jpg onwards. Convert them to one of {list(SUFFIXES)}."
         )
     suffix = suffixes.pop()
@@ -57,7 +57,7 @@ def list_pictures(rgb: Path) -> tuple[str, int, str]:
             raise FileNotFoundError(
                 f"{rgb / f'{index:08d}{suffix}'} is missing: {len(found)} images must be numbered "
                 f"from 00000000 to {len(found) - 1:08d} without a gap. Unpack the archive again, "
-                "or rename your own pictures."
+                "or rename your own images."
             )
     return suffix, len(found), digest(str(rgb.resolve()), sorted(found.items()))
 
@@ -68,7 +68,7 @@ def masks_fingerprint(folder: Path) -> str:
 
 
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
-    """Size and time of change of each picture in a folder."""
+    """Size and time of change of each image in a folder."""
     found = {}
     with os.scandir(folder) as entries:
         for entry in entries:

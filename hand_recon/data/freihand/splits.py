@@ -31,7 +31,7 @@ class FreiHandRecipe:
     test_crop: CropPolicy | None = None
     """The same for test hands, where it differs: the evaluation part has no masks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged pictures are too many."""
+    """Caches, and how many damaged images are too many."""
     eval_root: Path | str | None = None
     """The folder that holds `evaluation_xyz.json`, if it is not the same or `<root>_eval`."""
     versions: Sequence[str] | None = None

@@ -36,7 +36,7 @@ class Annotations:
     """One row per frame of the list, numbers as they are in the files; NaN where a frame has none."""
 
     intrinsics: Float[np.ndarray, "frame 3 3"]
-    """Camera matrices, pixels of the picture."""
+    """Camera matrices, pixels of the image."""
     joints: Float[np.ndarray, "frame joint 3"]
     """All 21 in HO3D's order for training, the wrist alone for evaluation; OpenGL's axes, metres."""
     boxes: Float[np.ndarray, "frame 4"]

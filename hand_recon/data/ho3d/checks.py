@@ -52,12 +52,12 @@ def check_wrists_inside(
     wrists: Float[np.ndarray, "frame 2"],
     size: tuple[int, int],
 ) -> None:
-    """Refuse cameras that do not belong to the pictures.
+    """Refuse cameras that do not belong to the images.
 
     Args:
         path: Where the cameras come from, for messages.
         wrists: Their projections, pixels.
-        size: Width and height of the pictures.
+        size: Width and height of the images.
 
     Raises:
         ValueError: Most wrists are outside.
@@ -65,8 +65,8 @@ def check_wrists_inside(
     outside = np.any((wrists < 0) | (wrists > np.array(size)), axis=-1)
     if outside.mean() > 0.5:
         raise ValueError(
-            f"{path}: {int(outside.sum())} of {len(outside)} wrists project outside their pictures of "
-            f"{size[0]} × {size[1]} pixels. The camera matrices (camMat) must be those of the pictures as "
+            f"{path}: {int(outside.sum())} of {len(outside)} wrists project outside their images of "
+            f"{size[0]} × {size[1]} pixels. The camera matrices (camMat) must be those of the images as "
             "they are on the disk: do not resize them."
         )
 

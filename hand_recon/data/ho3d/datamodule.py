@@ -2,12 +2,12 @@
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
-from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import ImageDataModule
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters
 
 
-class Ho3dDataModule(PictureDataModule):
+class Ho3dDataModule(ImageDataModule):
     """Real right hands in HO3D's layout; see `Ho3dRecipe` for what may be chosen."""
 
     name = "ho3d"

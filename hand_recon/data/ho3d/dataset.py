@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.camera import project_array
-from hand_recon.data.annotated_dataset import Benchmark, PictureHands, PictureRecipe
+from hand_recon.data.annotated_dataset import AnnotatedImages, Benchmark, ImageRecipe
 from hand_recon.data.annotations import AnnotatedHands, Surfaces
 from hand_recon.data.cache import digest
 from hand_recon.data.crop import CropPolicy
@@ -20,12 +20,17 @@ from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.held_out import check_held_out
 from hand_recon.data.ho3d.annotations import Annotations, read_annotations
 from hand_recon.data.ho3d.checks import check_landmarks, check_wrists_inside
-from hand_recon.data.ho3d.files import COUNTS, FramePictures, Ho3dPart, open_part
-from hand_recon.data.ho3d.ground_truth import HOW_TO_GET, EvaluationTruth, find_truth, load_truth
+from hand_recon.data.ho3d.files import COUNTS, FrameImages, Ho3dPart, open_part
+from hand_recon.data.ho3d.ground_truth import (
+    HOW_TO_GET,
+    EvaluationGroundTruth,
+    find_ground_truth,
+    load_ground_truth,
+)
 from hand_recon.data.ho3d.splits import split_frames
 from hand_recon.data.ho3d.surfaces import ManoHands, load_mano_if_there
 from hand_recon.data.images import read_image
-from hand_recon.hand.mano.hand import JUDGED, follows_mano
+from hand_recon.hand.mano.hand import INSPECTED_HANDS, follows_mano
 
 logger = logging.getLogger(__name__)
 
@@ -49,7 +54,7 @@ class Ho3dRecipe:
     test_crop: CropPolicy | None = None
     """The same for test hands, where it differs: evaluation frames have boxes and no landmarks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged pictures are too many."""
+    """Caches, and how many damaged images are too many."""
     val_fraction: float = 0.1
     """Least share of the training frames that validate, in whole recordings; as many again test if nothing
     else can."""
@@ -75,7 +80,7 @@ class Ho3dRecipe:
         return Path(self.root).expanduser()
 
 
-class Ho3d(PictureHands):
+class Ho3d(AnnotatedImages):
     """One split of HO3D."""
 
     wrists: Float[np.ndarray, "sample 3"] | None = None
@@ -83,7 +88,7 @@ class Ho3d(PictureHands):
     submission can be placed. None for training frames."""
 
     def __init__(self, split: str, recipe: Ho3dRecipe, with_vertices: bool | None = None) -> None:
-        """Read the annotations; pictures are read when asked for, or once into the cache.
+        """Read the annotations; images are read when asked for, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
@@ -94,15 +99,15 @@ class Ho3d(PictureHands):
         Raises:
             FileNotFoundError: A file is missing.
             ValueError: The files contradict each other, or there is no such split.
-            RuntimeError: More pictures are damaged than allowed.
+            RuntimeError: More images are damaged than allowed.
         """
         if split not in ("train", "val", "test"):
             raise ValueError(f"Unknown split {split!r}; choose train, val or test.")
         self.split = split
         self.recipe = recipe
-        truth_folder = find_truth(recipe.folder, recipe.eval_root)
+        ground_truth_folder = find_ground_truth(recipe.folder, recipe.eval_root)
         held_out = recipe.test_source == "held_out" or (
-            recipe.test_source == "auto" and truth_folder is None
+            recipe.test_source == "auto" and ground_truth_folder is None
         )
         benchmark = split == "test" and not held_out
         name = "evaluation" if benchmark else "train"
@@ -112,7 +117,7 @@ class Ho3d(PictureHands):
         wanted = split == "test" if with_vertices is None else with_vertices
         if benchmark:
             rows = kept
-            table = self._evaluation_table(truth_folder, wanted)
+            table = self._evaluation_table(ground_truth_folder, wanted)
             self.wrists = self.annotations.points[rows, 0]
             left_out = len(self.part.frames) - len(rows)
             self.benchmark = Benchmark(
@@ -126,7 +131,7 @@ class Ho3d(PictureHands):
         # Splits of the training part that are cut alike share one map of crops.
         shared = not benchmark and crop == recipe.crop
         super().__init__(
-            table, rows, PictureRecipe(crop, recipe.reading), cached_rows=kept if shared else rows
+            table, rows, ImageRecipe(crop, recipe.reading), cached_rows=kept if shared else rows
         )
 
     @property
@@ -173,7 +178,7 @@ class Ho3d(PictureHands):
             )  # fmt: skip
             unknown = np.full((count, 21, 2), np.nan)
             return self._table(labels=unknown, landmarks=None, boxes=annotations.boxes)
-        truth = load_truth(folder, self.part, annotations, self.recipe.reading.folder)
+        truth = load_ground_truth(folder, self.part, annotations, self.recipe.reading.folder)
         return self._table(
             labels=project_array(truth.landmarks, annotations.intrinsics),
             landmarks=truth.landmarks,
@@ -192,7 +197,7 @@ class Ho3d(PictureHands):
         return AnnotatedHands(
             name=f"ho3d-{self.part.name}",
             root=self.part.root,
-            pictures=self.part.pictures,
+            images=self.part.images,
             # The evaluation's landmarks are files beside the part.
             fingerprint=digest(self.part.fingerprint, landmarks),
             landmarks_2d=labels,
@@ -207,7 +212,7 @@ class Ho3d(PictureHands):
         layer = load_mano_if_there(self.recipe.mano) if self.part.name == "train" else None
         return None if layer is None else ManoHands(layer, self.annotations, self.part.list_file)
 
-    def _comparable(self, truth: EvaluationTruth, folder: Path) -> bool:
+    def _comparable(self, truth: EvaluationGroundTruth, folder: Path) -> bool:
         """Whether the surfaces can be compared with the hand model's, vertex by vertex."""
         vertices = truth.raw_vertices
         if vertices is None:
@@ -234,7 +239,7 @@ class Ho3d(PictureHands):
         names = [self.part.frames[row] for row in kept]
         if table.landmarks_3d is not None:
             check_landmarks(path, table.landmarks_3d[kept], names)
-        size = _picture_size(self.part.pictures, kept)
+        size = _image_size(self.part.images, kept)
         if size is not None:
             wrists = project_array(annotations.points[kept, :1], annotations.intrinsics[kept])
             check_wrists_inside(path, wrists[:, 0], size)
@@ -256,19 +261,19 @@ def _annotated_rows(part: Ho3dPart, annotations: Annotations) -> Int[np.ndarray,
     return kept
 
 
-def _picture_size(pictures: FramePictures, rows: Int[np.ndarray, " row"]) -> tuple[int, int] | None:
-    """Width and height of the first of a few pictures that can be read."""
+def _image_size(images: FrameImages, rows: Int[np.ndarray, " row"]) -> tuple[int, int] | None:
+    """Width and height of the first of a few images that can be read."""
     for row in rows[:5]:
-        picture = read_image(pictures[int(row)])
-        if picture is not None:
-            return picture.shape[1], picture.shape[0]
+        image = read_image(images[int(row)])
+        if image is not None:
+            return image.shape[1], image.shape[0]
     return None
 
 
-def _follows_mano(truth: EvaluationTruth) -> bool:
+def _follows_mano(truth: EvaluationGroundTruth) -> bool:
     """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips."""
     if truth.raw_vertices is None:
         return False
-    rows = range(min(JUDGED, len(truth.landmarks)))
+    rows = range(min(INSPECTED_HANDS, len(truth.landmarks)))
     surfaces = [surface for row in rows if (surface := truth.surface(row)) is not None]
     return follows_mano(np.stack(surfaces), truth.landmarks[: len(surfaces)], "ho3d")

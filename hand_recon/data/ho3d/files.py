@@ -26,12 +26,12 @@ COUNTS: Final = {
 """Lines of the lists of frames in the full sets."""
 
 SUFFIXES: Final = (".png", ".jpg")
-"""Kinds of picture in the order in which they are looked for, as the official reader does."""
+"""Kinds of image in the order in which they are looked for, as the official reader does."""
 
 
 @dataclass(frozen=True)
-class FramePictures:
-    """The pictures of some frames."""
+class FrameImages:
+    """The images of some frames."""
 
     folder: Path
     """The part's."""
@@ -55,12 +55,12 @@ class Ho3dPart:
     """`train` or `evaluation`."""
     frames: tuple[str, ...]
     """`SEQ/0000`."""
-    pictures: FramePictures
-    """Their pictures; where there is none, the name that one would have."""
+    images: FrameImages
+    """Their images; where there is none, the name that one would have."""
     present: Bool[np.ndarray, " frame"]
-    """Which frames have a picture and an annotation."""
+    """Which frames have a image and an annotation."""
     fingerprint: str
-    """Changes whenever a picture, an annotation or the list does."""
+    """Changes whenever a image, an annotation or the list does."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -92,18 +92,18 @@ def open_part(root: Path, name: str, version: str) -> Ho3dPart:
     if not path.is_file():
         raise FileNotFoundError(_missing(root, name, version))
     frames = _read_list(path)
-    pictures, metas = _list_files(root / name, frames)
+    images, metas = _list_files(root / name, frames)
     names, present = [], np.zeros(len(frames), dtype=bool)
     for row, frame in enumerate(frames):
         sequence, number = frame.split("/")
         rgb = f"{sequence}/rgb/{number}"
-        found = [rgb + suffix for suffix in SUFFIXES if rgb + suffix in pictures]
+        found = [rgb + suffix for suffix in SUFFIXES if rgb + suffix in images]
         names.append(found[0] if found else rgb + SUFFIXES[version == "v3"])
         present[row] = bool(found) and f"{sequence}/meta/{number}.pkl" in metas
     _report(path, version, frames, present)
-    identity = (str(root.resolve()), frames, sorted(pictures.items()), sorted(metas.items()))
+    identity = (str(root.resolve()), frames, sorted(images.items()), sorted(metas.items()))
     return Ho3dPart(
-        root, name, frames, FramePictures(root / name, tuple(names)), present, digest(*identity)
+        root, name, frames, FrameImages(root / name, tuple(names)), present, digest(*identity)
     )
 
 
@@ -146,11 +146,11 @@ Listing = dict[str, tuple[int, int]]
 
 
 def _list_files(folder: Path, frames: tuple[str, ...]) -> tuple[Listing, Listing]:
-    """Pictures and annotations of the sequences that occur in the list."""
-    pictures: Listing = {}
+    """Images and annotations of the sequences that occur in the list."""
+    images: Listing = {}
     metas: Listing = {}
     for sequence in sorted({frame.split("/")[0] for frame in frames}):
-        for kind, listing in (("rgb", pictures), ("meta", metas)):
+        for kind, listing in (("rgb", images), ("meta", metas)):
             if not (folder / sequence / kind).is_dir():
                 continue
             with os.scandir(folder / sequence / kind) as entries:
@@ -158,7 +158,7 @@ def _list_files(folder: Path, frames: tuple[str, ...]) -> tuple[Listing, Listing
                     status = entry.stat()
                     place = f"{sequence}/{kind}/{entry.name}"
                     listing[place] = (status.st_size, status.st_mtime_ns)
-    return pictures, metas
+    return images, metas
 
 
 def _report(
@@ -168,7 +168,7 @@ def _report(
     listed, found, full = len(frames), int(present.sum()), COUNTS[version][path.stem]
     if not found:
         raise FileNotFoundError(
-            f"None of the {listed} frames of {path} has a picture and an annotation in "
+            f"None of the {listed} frames of {path} has a image and an annotation in "
             f"{path.with_suffix('')}, for example {frames[0].replace('/', '/rgb/')}.jpg. "
             f"Unpack HO3D_{version}.zip there."
         )
@@ -183,7 +183,7 @@ def _report(
     if found < listed:
         absent = [frames[row] for row in np.flatnonzero(~present)[:5]]
         logger.warning(
-            "%d of the %d frames of %s have no picture or no annotation and are left out; the first are %s. "
+            "%d of the %d frames of %s have no image or no annotation and are left out; the first are %s. "
             "Unpack the archive again, or go on without them.",
             listed - found, listed, path, ", ".join(absent),
         )  # fmt: skip

@@ -31,7 +31,7 @@ FAR: Final = 0.02
 
 
 @dataclass(frozen=True)
-class EvaluationTruth:
+class EvaluationGroundTruth:
     """What is known of the evaluation frames, in the order of their list."""
 
     landmarks: Float[np.ndarray, "frame landmark=21 3"]
@@ -44,7 +44,7 @@ class EvaluationTruth:
         return None if self.raw_vertices is None else self.raw_vertices[row] * OPENGL
 
 
-def find_truth(root: Path, eval_root: Path | str | None) -> Path | None:
+def find_ground_truth(root: Path, eval_root: Path | str | None) -> Path | None:
     """The folder of the ground truth; none if it is not there.
 
     Args:
@@ -55,9 +55,9 @@ def find_truth(root: Path, eval_root: Path | str | None) -> Path | None:
     return next((folder for folder in places if (folder / LANDMARKS_FILE).is_file()), None)
 
 
-def load_truth(
+def load_ground_truth(
     folder: Path, part: Ho3dPart, annotations: Annotations, cache_dir: Path | None
-) -> EvaluationTruth:
+) -> EvaluationGroundTruth:
     """Read the ground truth and compare it with the frames.
 
     Args:
@@ -74,7 +74,7 @@ def load_truth(
     if (folder / VERTICES_FILE).is_file():
         vertices = _load(folder / VERTICES_FILE, part, (None, 3), cache_dir)
     _check_wrists(folder / LANDMARKS_FILE, landmarks, annotations)
-    return EvaluationTruth(landmarks[:, TO_FREIHAND] * OPENGL, vertices)
+    return EvaluationGroundTruth(landmarks[:, TO_FREIHAND] * OPENGL, vertices)
 
 
 def _load(

@@ -1,4 +1,4 @@
-"""Which training frames of HO3D validate: whole recordings, so that no picture has a twin elsewhere."""
+"""Which training frames of HO3D validate: whole recordings, so that no image has a twin elsewhere."""
 
 import re
 from collections.abc import Sequence

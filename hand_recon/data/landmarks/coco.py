@@ -99,7 +99,7 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
 
 
 def _image(images: dict[Any, Any], identity: object) -> str | None:
-    """A picture's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
+    """A image's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
     named = images.get(identity, identity if isinstance(identity, str) else None)
     return None if named is None else str(named)
 

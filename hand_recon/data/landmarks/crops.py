@@ -1,6 +1,6 @@
 """From landmarks of whole images to the crops that are fitted, all right hands, and back (Sec. 4.1).
 
-The same squares, matrices and cameras as `hand_recon.data.crop` makes for pictures, for any number of hands
+The same squares, matrices and cameras as `hand_recon.data.crop` makes for images, for any number of hands
 at once.
 """
 
@@ -23,7 +23,7 @@ from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPre
 
 @dataclass(frozen=True)
 class LandmarkCrops:
-    """Crops without pictures of `REFERENCE_SIZE` pixels, and the way back to the images."""
+    """Crops without images of `REFERENCE_SIZE` pixels, and the way back to the images."""
 
     batch: HandBatch
     """What a regressor or a fit takes; `label_noise` is the labels' σ in pixels of the crop."""

@@ -1,4 +1,4 @@
-"""Pictures of hands with 2D landmarks alone for Lightning (Sec. 4.1)."""
+"""Images of hands with 2D landmarks alone for Lightning (Sec. 4.1)."""
 
 from pathlib import Path
 from typing import Any
@@ -8,24 +8,24 @@ from torch import Tensor
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
-from hand_recon.data.image_datamodule import PictureDataModule
+from hand_recon.data.image_datamodule import ImageDataModule
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 
 
-class LandmarkDataModule(PictureDataModule):
-    """Anybody's pictures: COCO keypoints, JSON, CSV or HInt; no 3D, so its scores are 2D ones."""
+class LandmarkDataModule(ImageDataModule):
+    """Anybody's images: COCO keypoints, JSON, CSV or HInt; no 3D, so its scores are 2D ones."""
 
     name = "landmarks"
     landmarks = "knuckle"
     recipe_type = LandmarkRecipe
     default_crop = CropPolicy(around="joints")
 
-    def __init__(self, *place: Path | str, **options: Any) -> None:  # noqa: ANN401  # Those of `PictureDataModule`.
+    def __init__(self, *place: Path | str, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
         """Remember what to read.
 
         Args:
-            *place: Landmarks of the training pictures, a file or a folder, unless given as `train`.
-            **options: Those of `PictureDataModule`, and fields of `LandmarkRecipe`.
+            *place: Landmarks of the training images, a file or a folder, unless given as `train`.
+            **options: Those of `ImageDataModule`, and fields of `LandmarkRecipe`.
         """
         super().__init__(*place, **options)
         self._splits = LandmarkSplits(self.recipe)
@@ -39,7 +39,7 @@ class LandmarkDataModule(PictureDataModule):
     ) -> (
         tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
     ):
-        """None: there is no 3D, and no picture has to be read to know it."""
+        """None: there is no 3D, and no image has to be read to know it."""
         del limit
         return None
 

@@ -1,9 +1,9 @@
 """HInt: hands in the wild with 2D landmarks that say which of them are hidden (Pavlakos et al., CVPR 2024).
 
 A folder of `<name>_l.jpg` and `<name>_l.json` pairs; `_l` or `_r` is the hand's side, and both hands of a
-picture have a pair each. A JSON file is a list of `{bbox: [[left, top, right, bottom]], keypoints: 21 × 2,
+image have a pair each. A JSON file is a list of `{bbox: [[left, top, right, bottom]], keypoints: 21 × 2,
 occlusion: 21}`, in FreiHAND's order, occlusion 1 for a keypoint that is labelled but cannot be seen. The
-archive has folders named `TRAIN_…`, `VAL_…` and `TEST_…`; those of Ego4D come without their pictures.
+archive has folders named `TRAIN_…`, `VAL_…` and `TEST_…`; those of Ego4D come without their images.
 """
 
 import json
@@ -24,7 +24,7 @@ SPLITS: Final = ("train", "val", "test")
 """What folders of the archive begin with, in capitals."""
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""How a picture's name may end."""
+"""How a image's name may end."""
 
 _SIDES: Final = {"l": "left", "r": "right"}
 
@@ -45,7 +45,7 @@ def folders_of(root: Path, split: str) -> list[Path]:
 def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = None) -> LandmarkSet:
     """The hands of a folder, or of a split of the whole archive.
 
-    Hands whose picture is not there are left out aloud.
+    Hands whose image is not there are left out aloud.
 
     Args:
         root: The unpacked archive, or one of its folders.
@@ -53,44 +53,44 @@ def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = No
         assumed: What is taken for granted where a file's name does not tell it.
 
     Raises:
-        FileNotFoundError: There is no such folder, or no hand with a picture in it.
+        FileNotFoundError: There is no such folder, or no hand with a image in it.
         ValueError: A file holds something else.
     """
     if not root.is_dir():
-        raise FileNotFoundError(f"No folder {root} with pairs of pictures and JSON files.")
+        raise FileNotFoundError(f"No folder {root} with pairs of images and JSON files.")
     is_archive = any(folders_of(root, name) for name in SPLITS)
     folders = folders_of(root, split) if is_archive else [root]
     files = sorted(path for folder in folders for path in folder.rglob("*.json"))
-    pairs = [(path, _picture(path)) for path in files]
-    shown = [(path, picture) for path, picture in pairs if picture is not None]
+    pairs = [(path, _image(path)) for path in files]
+    shown = [(path, image) for path, image in pairs if image is not None]
     if len(shown) < len(pairs):
         logger.warning(
-            "%s: %d of %d hands are left out, as there are no pictures beside them (Ego4D's have to be "
+            "%s: %d of %d hands are left out, as there are no images beside them (Ego4D's have to be "
             "fetched under its own licence).",
             root, len(pairs) - len(shown), len(pairs),
         )  # fmt: skip
     if not shown:
         raise FileNotFoundError(
-            f"No pair of a picture and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
+            f"No pair of a image and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
             "VAL_… and TEST_…, or one of them."
         )
     return to_landmark_set(root / "*.json", _parsed(shown), assumed or Assumptions(side=None))
 
 
-def _picture(path: Path) -> Path | None:
+def _image(path: Path) -> Path | None:
     candidates = (path.with_suffix(suffix) for suffix in SUFFIXES)
-    return next((picture for picture in candidates if picture.is_file()), None)
+    return next((image for image in candidates if image.is_file()), None)
 
 
 def _parsed(pairs: Sequence[tuple[Path, Path]]) -> ParsedHands:
     points, boxes, occluded, sides, images = [], [], [], [], []
-    for path, picture in pairs:
+    for path, image in pairs:
         for entry in _entries(path):
             points.append(_numbers(path, entry, "keypoints", (21, 2)))
             boxes.append(_numbers(path, entry, "bbox", (4,)))
             occluded.append(_numbers(path, entry, "occlusion", (21,)) > 0.5)
             sides.append(_side(path))
-            images.append(str(picture.absolute()))
+            images.append(str(image.absolute()))
     return ParsedHands(
         points=np.array(points).reshape(-1, 21, 2),
         sides=sides,

@@ -1,7 +1,7 @@
-"""Pictures of hands with 2D landmarks alone, as training data: what this method was made for (Sec. 3.3).
+"""Images of hands with 2D landmarks alone, as training data: what this method was made for (Sec. 3.3).
 
 COCO keypoints, JSON lists, CSV (`hand_recon.data.landmarks.files`) or a folder of HInt
-(`hand_recon.data.landmarks.hint`) become one table of annotated pictures.
+(`hand_recon.data.landmarks.hint`) become one table of annotated images.
 """
 
 import logging
@@ -25,37 +25,37 @@ WHOLE: Final = 16
 """Labelled landmarks from which their own box is the hand's: at most a finger and a joint are missing."""
 
 LOOKED_AT: Final = 16
-"""Pictures that are opened to see whether the landmarks lie in them."""
+"""Images that are opened to see whether the landmarks lie in them."""
 
 
 def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -> AnnotatedHands:
     """A table of the hands that can be learnt from; those left out are counted aloud.
 
     Args:
-        landmarks: Of any hands, each with its picture.
+        landmarks: Of any hands, each with its image.
         root: The folder by which samples are named, and the table too.
         around: `joints` puts the box of the labelled landmarks into the table, `box` the dataset's own
             (`hand_frames`).
-        min_side: Hands whose box is smaller are left out, pixels of the picture.
+        min_side: Hands whose box is smaller are left out, pixels of the image.
 
     Raises:
-        FileNotFoundError: None of the pictures is there.
-        ValueError: A hand has no picture, no hand is left, or most landmarks lie outside their pictures.
+        FileNotFoundError: None of the images is there.
+        ValueError: A hand has no image, no hand is left, or most landmarks lie outside their images.
     """
-    pictures = _pictures(landmarks, root)
+    images = _images(landmarks, root)
     frames = hand_frames(landmarks, around)
     kept = _worth_keeping(landmarks, frames, min_side, root).numpy()
     chosen = landmarks.select(torch.from_numpy(kept))
     rows = np.flatnonzero(kept)
     frames = frames[torch.from_numpy(kept)]
-    shown = [pictures[row] for row in rows]
+    shown = [images[row] for row in rows]
     left = chosen.left.numpy()
     columns = (chosen.landmarks_2d, frames, chosen.left, chosen.intrinsics, chosen.sigma,
                chosen.confidence, chosen.occluded)  # fmt: skip
     table = AnnotatedHands(
         name=f"landmarks-{re.sub(r'[^A-Za-z0-9_-]+', '-', root.name) or 'hands'}",
         root=root,
-        pictures=shown,
+        images=shown,
         fingerprint=digest(
             _identity(shown), around, *(None if c is None else c.numpy().tobytes() for c in columns)
         ),
@@ -95,31 +95,31 @@ def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
     return torch.where(whole, labels, joined)
 
 
-def scene(picture: Path) -> str:
-    """What may not be in two splits: a picture, under whichever of HInt's two names (`_l`, `_r`)."""
-    return str(picture.with_name(re.sub(r"_[lr]$", "", picture.stem)))
+def scene(image: Path) -> str:
+    """What may not be in two splits: a image, under whichever of HInt's two names (`_l`, `_r`)."""
+    return str(image.with_name(re.sub(r"_[lr]$", "", image.stem)))
 
 
-def _pictures(landmarks: LandmarkSet, root: Path) -> list[Path]:
-    pictures = [picture for picture in landmarks.images if picture is not None]
-    if len(pictures) < len(landmarks):
+def _images(landmarks: LandmarkSet, root: Path) -> list[Path]:
+    images = [image for image in landmarks.images if image is not None]
+    if len(images) < len(landmarks):
         raise ValueError(
-            f"{root}: {len(landmarks) - len(pictures)} of {len(landmarks)} hands name no picture. To train "
-            "on pictures, each hand needs one: `image` in JSON and CSV, `image_id` and `images` in COCO."
+            f"{root}: {len(landmarks) - len(images)} of {len(landmarks)} hands name no image. To train "
+            "on images, each hand needs one: `image` in JSON and CSV, `image_id` and `images` in COCO."
         )
-    distinct = set(pictures)
-    missing = sorted(picture for picture in distinct if not picture.is_file())
+    distinct = set(images)
+    missing = sorted(image for image in distinct if not image.is_file())
     if len(missing) == len(distinct):
         raise FileNotFoundError(
-            f"None of {len(distinct)} pictures is there; the first would be {missing[0]}. Name their folder "
+            f"None of {len(distinct)} images is there; the first would be {missing[0]}. Name their folder "
             "with data.images."
         )
     if missing:
         logger.warning(
-            "%d of %d pictures are not there and count like damaged ones; the first is %s.",
+            "%d of %d images are not there and count like damaged ones; the first is %s.",
             len(missing), len(distinct), missing[0],
         )  # fmt: skip
-    return pictures
+    return images
 
 
 def _worth_keeping(
@@ -137,16 +137,16 @@ def _worth_keeping(
     if not kept.any():
         raise ValueError(
             f"{root}: none of {len(kept)} hands can be learnt from; each needs {FEWEST} labelled landmarks "
-            f"and min_side={min_side:g} pixels of its picture."
+            f"and min_side={min_side:g} pixels of its image."
         )
     return kept
 
 
-def _identity(pictures: list[Path]) -> str:
-    """Changes whenever a picture does."""
-    distinct = sorted(set(pictures))
+def _identity(images: list[Path]) -> str:
+    """Changes whenever a image does."""
+    distinct = sorted(set(images))
     known = {path: file_identity(path) if path.is_file() else str(path) for path in distinct}
-    return digest([known[path] for path in pictures])
+    return digest([known[path] for path in images])
 
 
 def _array(column: Tensor | None) -> np.ndarray | None:
@@ -154,22 +154,22 @@ def _array(column: Tensor | None) -> np.ndarray | None:
 
 
 def _check_size(table: AnnotatedHands) -> None:
-    """Refuse landmarks of which most are not in their pictures: they belong to another size.
+    """Refuse landmarks of which most are not in their images: they belong to another size.
 
     Raises:
         ValueError: More than half of the hands that were looked at are elsewhere.
     """
     seen, outside = 0, 0
     for row in np.unique(np.linspace(0, len(table) - 1, LOOKED_AT).round().astype(int)):
-        picture = read_image(table.pictures[row])
-        if picture is None or table.boxes is None:
+        image = read_image(table.images[row])
+        if image is None or table.boxes is None:
             continue
         middle = table.boxes[row].reshape(2, 2).mean(axis=0)
-        size = np.array(picture.shape[1::-1])
+        size = np.array(image.shape[1::-1])
         seen += 1
         outside += bool(((middle < 0) | (middle > size)).any())
     if outside > seen / 2:
         raise ValueError(
-            f"{table.root}: {outside} of {seen} hands that were looked at lie outside their pictures. "
-            "Landmarks must be in pixels of the pictures as they are on the disk, not of resized ones."
+            f"{table.root}: {outside} of {seen} hands that were looked at lie outside their images. "
+            "Landmarks must be in pixels of the images as they are on the disk, not of resized ones."
         )

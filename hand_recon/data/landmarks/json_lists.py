@@ -1,4 +1,4 @@
-"""Hands in JSON: lists of points, or objects that also tell the side, the picture and the camera."""
+"""Hands in JSON: lists of points, or objects that also tell the side, the image and the camera."""
 
 import logging
 import math

@@ -35,7 +35,7 @@ class LandmarkSet:
     intrinsics: Float[Tensor, "hand 3 3"] | None = None
     """Camera matrices, pixels of the image; none if the cameras are unknown."""
     images: tuple[Path | None, ...] = field(default=())
-    """The picture of each hand, where the file names one; made as long as `names`."""
+    """The image of each hand, where the file names one; made as long as `names`."""
     hand_boxes: Float[Tensor, "hand 4"] | None = None
     """Left, top, right and bottom of each hand as whoever drew the box saw it, pixels; NaN where unknown."""
     occluded: Bool[Tensor, "hand landmark=21"] | None = None

@@ -41,7 +41,7 @@ class ParsedHands:
     names: Sequence[str | None] = ()
     """What the file calls each hand; empty if it names none."""
     images: Sequence[str | None] = ()
-    """The picture of each hand as the file has it; empty if it names none."""
+    """The image of each hand as the file has it; empty if it names none."""
     boxes: Float[np.ndarray, "hand 4"] | None = None
     """Left, top, right and bottom, pixels of the image; NaN, or no extent, where there is no box."""
     occluded: Bool[np.ndarray, "hand landmark=21"] | None = None
@@ -63,7 +63,7 @@ class Assumptions:
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     images: Path | None = None
-    """Folder of the pictures, if it is not that of the file."""
+    """Folder of the images, if it is not that of the file."""
 
     def __post_init__(self) -> None:
         if self.third not in THIRD:

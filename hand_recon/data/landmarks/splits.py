@@ -1,4 +1,4 @@
-"""Who trains, validates and tests among pictures with 2D landmarks: never one picture in two splits."""
+"""Who trains, validates and tests among images with 2D landmarks: never one image in two splits."""
 
 import logging
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int
 
-from hand_recon.data.annotated_dataset import PictureHands, PictureRecipe
+from hand_recon.data.annotated_dataset import AnnotatedImages, ImageRecipe
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -27,20 +27,20 @@ AROUND: Final = ("joints", "box", "full", "centre")
 
 @dataclass(frozen=True)
 class LandmarkRecipe:
-    """Which files, and how their pictures are cut out and read.
+    """Which files, and how their images are cut out and read.
 
     Raises:
         ValueError: A choice does not exist.
     """
 
     train: Path | str
-    """Landmarks of the training pictures: a file, a folder of HInt, or HInt's whole archive."""
+    """Landmarks of the training images: a file, a folder of HInt, or HInt's whole archive."""
     val: Path | str | None = None
-    """Those of validation; none takes HInt's own, else a share of the training pictures."""
+    """Those of validation; none takes HInt's own, else a share of the training images."""
     test: Path | str | None = None
-    """Those of the test; none takes HInt's own, else a share of the training pictures."""
+    """Those of the test; none takes HInt's own, else a share of the training images."""
     images: Path | str | None = None
-    """Folder of the pictures, if it is not that of the file."""
+    """Folder of the images, if it is not that of the file."""
     side: str | None = None
     """Which hands they are where a file does not tell; none refuses such a file."""
     order: str = "freihand"
@@ -48,15 +48,15 @@ class LandmarkRecipe:
     third: str = "auto"
     """What a third number is that a file does not name: `auto`, `confidence` or `sigma`."""
     min_side: float = 24.0
-    """Hands whose box is smaller are left out, pixels of the picture."""
+    """Hands whose box is smaller are left out, pixels of the image."""
     val_fraction: float = 0.1
-    """Share of the training pictures that validate where no file does; as many again test."""
+    """Share of the training images that validate where no file does; as many again test."""
     split_seed: int = 0
     """Fixes which: the same for all seeds of a study."""
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
     """Size and place of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many missing or damaged pictures are too many."""
+    """Caches, and how many missing or damaged images are too many."""
 
     def __post_init__(self) -> None:
         self.assumed()
@@ -67,7 +67,7 @@ class LandmarkRecipe:
             )
         if not 0 < self.val_fraction < 0.5:
             raise ValueError(
-                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that pictures are left to "
+                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that images are left to "
                 "train on."
             )
 
@@ -77,7 +77,7 @@ class LandmarkRecipe:
         return Assumptions(self.third, self.side, self.order, images)
 
     def source(self, split: str) -> Path | None:
-        """Where a split's landmarks are; none if it is a share of the training pictures."""
+        """Where a split's landmarks are; none if it is a share of the training images."""
         given = {"train": self.train, "val": self.val, "test": self.test}[split]
         if given is not None:
             return Path(given).expanduser().absolute()
@@ -92,21 +92,21 @@ class LandmarkSplits:
         """Remember what to read."""
         self.recipe = recipe
 
-    def dataset(self, split: str) -> PictureHands:
+    def dataset(self, split: str) -> AnnotatedImages:
         """The hands of a split.
 
         Args:
             split: `train`, `val` or `test`.
 
         Raises:
-            FileNotFoundError: A file is missing, or all pictures are.
-            ValueError: A file cannot be parsed or used, or there are too few pictures to share.
-            RuntimeError: More pictures are missing or damaged than allowed.
+            FileNotFoundError: A file is missing, or all images are.
+            ValueError: A file cannot be parsed or used, or there are too few images to share.
+            RuntimeError: More images are missing or damaged than allowed.
         """
         recipe = self.recipe
         # The table's boxes are what a crop is to be made around (`hand_frames`).
         around = "box" if recipe.crop.around == "joints" else recipe.crop.around
-        cut = PictureRecipe(replace(recipe.crop, around=around), recipe.reading)
+        cut = ImageRecipe(replace(recipe.crop, around=around), recipe.reading)
         source = recipe.source(split)
         if split == "train" or source is None:
             if split == "test":
@@ -115,12 +115,12 @@ class LandmarkSplits:
                     len(self._shares["test"]), recipe.train,
                 )  # fmt: skip
             every = np.arange(len(self._training))
-            return PictureHands(self._training, self._shares[split], cut, cached_rows=every)
+            return AnnotatedImages(self._training, self._shares[split], cut, cached_rows=every)
         table = self._read(source, split)
         if "_training" in vars(self):
-            # Read already: a test alone needs no training pictures.
-            self._warn_of_shared_pictures(table, split)
-        return PictureHands(table, recipe=cut)
+            # Read already: a test alone needs no training images.
+            self._warn_of_shared_images(table, split)
+        return AnnotatedImages(table, recipe=cut)
 
     @cached_property
     def _training(self) -> AnnotatedHands:
@@ -128,15 +128,15 @@ class LandmarkSplits:
 
     @cached_property
     def _shares(self) -> dict[str, Int[np.ndarray, " row"]]:
-        """Rows of the training table for each split without a file; all hands of a picture stay together."""
+        """Rows of the training table for each split without a file; all hands of a image stay together."""
         recipe = self.recipe
         scenes, of_row = np.unique(_scenes(self._training), return_inverse=True)
         held_out = [split for split in ("val", "test") if recipe.source(split) is None]
         count = max(1, round(recipe.val_fraction * len(scenes)))
         if len(scenes) <= count * len(held_out):
             raise ValueError(
-                f"{recipe.train} has {len(scenes)} pictures, too few to train on and to hold some out for "
-                f"{' and '.join(held_out)}. Give files as data.val and data.test, or more pictures."
+                f"{recipe.train} has {len(scenes)} images, too few to train on and to hold some out for "
+                f"{' and '.join(held_out)}. Give files as data.val and data.test, or more images."
             )
         order = np.random.default_rng(recipe.split_seed).permutation(len(scenes))
         shares, start = {}, 0
@@ -156,15 +156,15 @@ class LandmarkSplits:
         root = recipe.assumed().images or (source if source.is_dir() else source.parent)
         return annotate(landmarks, root, recipe.crop.around, recipe.min_side)
 
-    def _warn_of_shared_pictures(self, table: AnnotatedHands, split: str) -> None:
+    def _warn_of_shared_images(self, table: AnnotatedHands, split: str) -> None:
         shared = set(_scenes(table)) & set(_scenes(self._training))
         if shared:
             logger.warning(
-                "%d of the %s pictures are training pictures too, so that its scores are too good; the "
+                "%d of the %s images are training images too, so that its scores are too good; the "
                 "first: %s.",
                 len(shared), split, min(shared),
             )  # fmt: skip
 
 
 def _scenes(table: AnnotatedHands) -> list[str]:
-    return [scene(table.pictures[row]) for row in range(len(table))]
+    return [scene(table.images[row]) for row in range(len(table))]

@@ -1,4 +1,4 @@
-"""Pictures with 2D landmarks alone as training data: what is cut out, and what is left out."""
+"""Images with 2D landmarks alone as training data: what is cut out, and what is left out."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from hand_recon.data.annotated_dataset import PictureHands
+from hand_recon.data.annotated_dataset import AnnotatedImages
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.landmarks.files import read_landmarks
@@ -15,12 +15,12 @@ from hand_recon.data.landmarks.image_files import hand_frames
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
 from hand_recon.schema import collate
-from tests.support.dotted_pictures import FORMS, Dotted
+from tests.support.dotted_images import FORMS, Dotted
 
 SIZE = 96
 
 
-def everything(path: Path, **recipe: Any) -> PictureHands:  # noqa: ANN401
+def everything(path: Path, **recipe: Any) -> AnnotatedImages:  # noqa: ANN401
     """All hands of a file: it validates, so that none is held out of it."""
     recipe = {"crop": CropPolicy(SIZE, "joints")} | recipe
     return LandmarkSplits(LandmarkRecipe(path, path, path, **recipe)).dataset("val")
@@ -53,7 +53,7 @@ def test_missing_joints_are_masked_and_hidden_ones_are_labels_still(tmp_path: Pa
     keypoints = np.array(dotted.keypoints(1)).reshape(21, 3)
     keypoints[3] = 0
     keypoints[5, 2] = 1
-    entry = {"image_id": "picture0.png", "keypoints": keypoints.ravel().tolist(), "side": "right"}
+    entry = {"image_id": "image0.png", "keypoints": keypoints.ravel().tolist(), "side": "right"}
     sample = everything(dotted.write([entry]))[0]
     assert sample.labelled.tolist() == [number != 3 for number in range(21)]
     assert sample.landmarks_2d.isnan().all(dim=1).tolist() == [number == 3 for number in range(21)]
@@ -74,7 +74,7 @@ def test_tiny_hands_and_those_of_few_landmarks_are_left_out_aloud(
     assert "2 of 6 hands are left out: 1 have fewer than 4 labelled landmarks" in caplog.text
     assert "1 are smaller than min_side=24 pixels" in caplog.text
     assert [data[index].source for index in range(4)] == [
-        "picture1.png", "picture1.png", "picture2.png", "picture2.png",
+        "image1.png", "image1.png", "image2.png", "image2.png",
     ]  # fmt: skip
     assert len(everything(dotted.root / "landmarks.json", min_side=0)) == 5
     with pytest.raises(ValueError, match="none of 6 hands can be learnt from"):
@@ -134,41 +134,41 @@ def test_a_side_that_no_file_tells_has_to_be_given(tmp_path: Path) -> None:
     assert not everything(path, side="right")[0].mirrored
 
 
-def test_missing_pictures_count_like_damaged_ones(
+def test_missing_images_count_like_damaged_ones(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     dotted = Dotted(tmp_path)
     path = dotted.as_json()
-    (tmp_path / "picture0.png").unlink()
+    (tmp_path / "image0.png").unlink()
     for reading in (ReadingPolicy(max_corrupt=1), ReadingPolicy(tmp_path / "cache", max_corrupt=1)):
         caplog.clear()
         data = everything(path, reading=reading)
-        # The next hand whose picture can be read.
+        # The next hand whose image can be read.
         assert data[0].index == 2
-        assert "1 of 3 pictures are not there" in caplog.text
+        assert "1 of 3 images are not there" in caplog.text
     with pytest.raises(RuntimeError, match="1 images cannot be read, more than max_corrupt=0"):
         everything(path, reading=ReadingPolicy(max_corrupt=0))[0]
-    with pytest.raises(FileNotFoundError, match=r"None of 3 pictures is there.*data\.images"):
+    with pytest.raises(FileNotFoundError, match=r"None of 3 images is there.*data\.images"):
         everything(path, images=tmp_path / "elsewhere")
 
 
-def test_pictures_may_lie_elsewhere_and_must_be_named(tmp_path: Path) -> None:
+def test_images_may_lie_elsewhere_and_must_be_named(tmp_path: Path) -> None:
     dotted = Dotted(tmp_path / "pictures")
     path = dotted.as_json().rename(tmp_path / "landmarks.json")
-    assert everything(path, images=dotted.root)[0].source == "picture0.png"
+    assert everything(path, images=dotted.root)[0].source == "image0.png"
     nameless = dotted.write([{"landmarks": dotted.points[0].tolist(), "side": "left"}])
-    with pytest.raises(ValueError, match="1 of 1 hands name no picture"):
+    with pytest.raises(ValueError, match="1 of 1 hands name no image"):
         everything(nameless)
 
 
-def test_landmarks_of_larger_pictures_are_refused(tmp_path: Path) -> None:
+def test_landmarks_of_larger_images_are_refused(tmp_path: Path) -> None:
     dotted = Dotted(tmp_path)
     dotted.points *= 4
     with pytest.raises(ValueError, match="6 of 6 hands that were looked at lie outside"):
         everything(dotted.as_json())
 
 
-def test_other_labels_boxes_or_pictures_make_another_cache(tmp_path: Path) -> None:
+def test_other_labels_boxes_or_images_make_another_cache(tmp_path: Path) -> None:
     dotted = Dotted(tmp_path)
     reading = ReadingPolicy(tmp_path / "cache")
     prints = {everything(dotted.as_json(), reading=reading).hands.fingerprint}
@@ -182,10 +182,10 @@ def test_other_labels_boxes_or_pictures_make_another_cache(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_all_hands_of_a_picture_are_in_one_split(
+def test_all_hands_of_a_image_are_in_one_split(
     tmp_path: Path, seed: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = Dotted(tmp_path, pictures=12).as_coco()
+    path = Dotted(tmp_path, images=12).as_coco()
     recipe = LandmarkRecipe(path, val_fraction=0.25, split_seed=seed, crop=CropPolicy(16, "joints"))
     splits = LandmarkSplits(recipe)
     found = {}
@@ -195,14 +195,14 @@ def test_all_hands_of_a_picture_are_in_one_split(
     assert {split: len(sources) for split, sources in found.items()} == {
         "train": 12, "val": 6, "test": 6,
     }  # fmt: skip
-    pictures = [set(sources) for sources in found.values()]
-    assert sum(map(len, pictures)) == len(set.union(*pictures)) == 12
+    images = [set(sources) for sources in found.values()]
+    assert sum(map(len, images)) == len(set.union(*images)) == 12
     assert "testing on 6 held-out hands" in caplog.text
     again = LandmarkSplits(recipe).dataset("val")
     assert [again.hands.source(int(row)) for row in again.rows] == found["val"]
 
 
-def test_pictures_that_are_in_two_files_are_named(
+def test_images_that_are_in_two_files_are_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = Dotted(tmp_path).as_json()
@@ -210,12 +210,12 @@ def test_pictures_that_are_in_two_files_are_named(
     assert len(splits.dataset("train")) == 6
     assert not caplog.text
     splits.dataset("val")
-    assert "3 of the val pictures are training pictures too" in caplog.text
+    assert "3 of the val images are training images too" in caplog.text
 
 
 def test_a_recipe_that_cannot_be_followed_is_refused(tmp_path: Path) -> None:
-    path = Dotted(tmp_path, pictures=2).as_json()
-    with pytest.raises(ValueError, match=r"has 2 pictures, too few .* for val and test"):
+    path = Dotted(tmp_path, images=2).as_json()
+    with pytest.raises(ValueError, match=r"has 2 images, too few .* for val and test"):
         LandmarkSplits(LandmarkRecipe(path)).dataset("train")
     with pytest.raises(ValueError, match="Crops around 'mask' need what landmark files do not"):
         LandmarkRecipe(path, crop=CropPolicy(around="mask"))

@@ -1,4 +1,4 @@
-"""Pictures with a dot at each landmark of two hands, and every form in which landmarks can be written."""
+"""Images with a dot at each landmark of two hands, and every form in which landmarks can be written."""
 
 import csv
 import json
@@ -17,26 +17,26 @@ HEIGHT: Final = 100
 
 
 class Dotted:
-    """Hands 2i (left, red dots) and 2i + 1 (right, green dots) share picture i."""
+    """Hands 2i (left, red dots) and 2i + 1 (right, green dots) share image i."""
 
-    def __init__(self, root: Path, pictures: int = 3) -> None:
-        """Draw the pictures."""
+    def __init__(self, root: Path, images: int = 3) -> None:
+        """Draw the images."""
         self.root = root
         root.mkdir(parents=True, exist_ok=True)
         rng = np.random.default_rng(7)
         corner = np.array([[[12.0, 15.0]], [[115.0, 15.0]]])
         # Middles of pixels; the outermost landmarks fix the box to 70 × 60.
-        self.points = np.floor(rng.uniform(0, (70, 60), (pictures, 2, 21, 2)))
+        self.points = np.floor(rng.uniform(0, (70, 60), (images, 2, 21, 2)))
         self.points[..., 0, :], self.points[..., 20, :] = (0, 0), (70, 60)
         self.points = (self.points + corner + 0.5).reshape(-1, 21, 2)
-        self.names = [f"picture{number // 2}.png" for number in range(2 * pictures)]
-        self.sides = list(SIDES) * pictures
-        for picture in range(pictures):
+        self.names = [f"image{number // 2}.png" for number in range(2 * images)]
+        self.sides = list(SIDES) * images
+        for image in range(images):
             pixels = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
             for place, colour in ((0, (0, 0, 255)), (1, (0, 255, 0))):
-                for u, v in self.points[2 * picture + place]:
+                for u, v in self.points[2 * image + place]:
                     cv2.circle(pixels, (int(u), int(v)), 1, colour, -1)
-            cv2.imwrite(str(root / f"picture{picture}.png"), pixels)
+            cv2.imwrite(str(root / f"image{image}.png"), pixels)
 
     def boxes(self) -> np.ndarray:
         """Left, top, width and height."""
@@ -50,7 +50,7 @@ class Dotted:
         return numbers
 
     def write(self, content: Any, name: str = "landmarks.json") -> Path:  # noqa: ANN401  # any JSON
-        """JSON beside the pictures."""
+        """JSON beside the images."""
         (self.root / name).write_text(json.dumps(content))
         return self.root / name
 
@@ -115,7 +115,7 @@ class Dotted:
         return self._coco(people)
 
     def as_hint(self, folder: str = "pairs") -> Path:
-        """HInt's form: a picture and a JSON file for each hand."""
+        """HInt's form: a image and a JSON file for each hand."""
         target = self.root / folder
         target.mkdir(parents=True)
         for hand, (name, side) in enumerate(zip(self.names, self.sides, strict=True)):
