@@ -1,9 +1,9 @@
 """[s, R, t] → full-perspective projection (Sec. 3.1, camera projection model).
 
-Without calibration, the crop is taken for the whole image of a camera that looks at its centre, with a
-focal length of 500 px on a crop of 224 px, as the authors do. With a known camera matrix, the same raw
-numbers are read as where the hand appears in the crop and how large, so that the network sees no
-difference and the 3D hand is right for the true camera.
+Without calibration, the crop is treated as the whole image of a camera with its principal point at the
+centre and a focal length of 500 px on a crop of 224 px, as the authors do. With a known camera matrix, the
+same raw numbers give the hand's position and size in the crop: the network's task stays the same, and the
+3D hand is right for the true camera.
 """
 
 from typing import Final
@@ -16,20 +16,20 @@ from torch import Tensor
 from hand_recon import schema
 
 REFERENCE_SIZE: Final = float(schema.REFERENCE_SIZE)
-"""Side of the paper's crop, pixels: the unit in which the data term and σ are measured."""
+"""Side of the paper's crop, pixels; the data term and σ are measured in pixels of this crop."""
 
 REFERENCE_FOCAL: Final = 500.0
 """Focal length on the reference crop, pixels (the authors' constants; `docs/decisions.md`)."""
 
 LOG_SCALE_CENTRE: Final = 6.55
-"""Logarithm of the scale at which the bound is the identity: a hand of 18 cm in half of the crop."""
+"""Log scale at which `bounded_log_scale` changes nothing: a hand of 18 cm spans half of the crop."""
 
 LOG_SCALE_REACH: Final = 1.05
-"""How far the logarithm of the scale may move from there."""
+"""Largest deviation of the log scale from `LOG_SCALE_CENTRE`."""
 
 
 def default_intrinsics(crop_size: int, like: Tensor) -> Float[Tensor, "3 3"]:
-    """The camera matrix of an uncalibrated crop, pixels of the crop."""
+    """Camera matrix that is assumed for an uncalibrated crop, pixels of the crop."""
     focal = REFERENCE_FOCAL * crop_size / REFERENCE_SIZE
     centre = crop_size / 2
     matrix = [[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]]
@@ -39,11 +39,11 @@ def default_intrinsics(crop_size: int, like: Tensor) -> Float[Tensor, "3 3"]:
 def project(
     points: Float[Tensor, "*batch point 3"], intrinsics: Float[Tensor, "*batch 3 3"]
 ) -> Float[Tensor, "*batch point 2"]:
-    """Pixels of points in front of the camera.
+    """Project points to pixels, with depths clamped to at least 1 cm.
 
     Args:
-        points: Camera frame, metres. Depths below 1 cm are treated as 1 cm: no gradient explodes when
-            a hand is thrown behind the camera early in training.
+        points: Camera frame, metres. The clamp keeps gradients finite when a prediction lies behind the
+            camera early in training.
         intrinsics: Camera matrix, pixels.
     """
     depth = points[..., 2:].clamp(min=0.01)
@@ -54,10 +54,10 @@ def project(
 def project_array(
     points: Float[np.ndarray, "*batch point 3"], intrinsics: Float[np.ndarray, "*camera 3 3"]
 ) -> Float[np.ndarray, "*batch point 2"]:
-    """Pixels of points, u = K x / z, in NumPy and at any depth: for labels and rendering.
+    """Project NumPy points to pixels, u = K x / z, without a clamp on depth.
 
     Args:
-        points: Camera frame, metres. A depth of zero gives what NumPy divides to.
+        points: Camera frame, metres. A depth of zero gives infinity or NaN.
         intrinsics: Camera matrix, pixels: one for all points or one for each batch entry.
     """
     on_plane = points / points[..., 2:]
@@ -65,20 +65,20 @@ def project_array(
 
 
 def raw_to_translation(raw: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """The network's (log s, t_x, t_y) → translation in the uncalibrated camera, metres (Sec. 3.1).
+    """Convert the network's (log s, t_x, t_y) to a translation in the uncalibrated camera, metres (Sec. 3.1).
 
-    T = (t_x, t_y, f / s) with s = exp(raw): the hand's size in the crop, in pixels of the reference crop
-    per metre. A hand that fills two thirds of the crop has a raw scale near 6.7.
+    T = (t_x, t_y, f / s), where s = exp(raw scale) is in pixels of the reference crop per metre. A hand that
+    fills two thirds of the crop has a raw scale near 6.7.
     """
     depth = REFERENCE_FOCAL * torch.exp(-raw[..., :1])
     return torch.cat([raw[..., 1:], depth], dim=-1)
 
 
 def bounded_log_scale(raw: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """A log scale between 5.5 and 7.6: a hand of 18 cm that spans a fifth of the crop to 1.6 times it.
+    """Bound the log scale to 5.5–7.6: a hand of 18 cm spans between a fifth of the crop and 1.6 crops.
 
-    Without a bound, a network that does not know yet which way a hand points makes every hand a dot: the
-    smallest squared error, so far away that nothing pulls it back (`docs/decisions.md`).
+    Without a bound, training shrinks every hand to a dot while orientations are still wrong: a dot has the
+    smallest squared error, and at that distance the gradient is too small to recover (`docs/decisions.md`).
     """
     return LOG_SCALE_CENTRE + LOG_SCALE_REACH * torch.tanh(
         (raw - LOG_SCALE_CENTRE) / LOG_SCALE_REACH
@@ -91,14 +91,14 @@ def to_true_camera(
     intrinsics: Float[Tensor, "*batch 3 3"],
     crop_size: int,
 ) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3"]]:
-    """Move a placement from the uncalibrated camera to one with a known matrix.
+    """Convert rotation and translation from the uncalibrated camera to one with a known matrix.
 
-    The hand stays where it is in the crop and as large; its depth follows from the true focal length,
-    and it turns with the ray towards it, so that an off-centre crop shows it from the same side.
+    The hand keeps its position and size in the crop. Its depth follows from the true focal length, and it
+    rotates with the viewing ray, so that an off-centre crop shows the same side of it.
 
     Args:
-        rotation: Hand to uncalibrated camera.
-        translation: In the uncalibrated camera, metres.
+        rotation: Rotation from the hand's frame to the uncalibrated camera's.
+        translation: Position in the uncalibrated camera's frame, metres.
         intrinsics: Camera matrix of the crop, pixels of the crop.
         crop_size: Side of the crop, pixels.
     """
@@ -107,17 +107,17 @@ def to_true_camera(
     homogeneous = torch.cat([pixel, torch.ones_like(pixel[..., :1])], dim=-1)
     ray = torch.linalg.solve(intrinsics, homogeneous[..., None])[..., 0]
     assumed_ray = torch.linalg.solve(assumed, homogeneous[..., None])[..., 0]
-    # The area of a pixel on the image plane, so that skewed and rotated crops work too.
+    # The determinant gives the focal length of skewed and rotated crops too.
     focal = torch.linalg.det(intrinsics[..., :2, :2]).abs().sqrt()
     depth = translation[..., 2] * focal / assumed[..., 0, 0]
-    turn = rotation_between(assumed_ray, ray)
-    return turn @ rotation, ray * depth[..., None]
+    between_rays = rotation_between(assumed_ray, ray)
+    return between_rays @ rotation, ray * depth[..., None]
 
 
 def rotation_between(
     source: Float[Tensor, "*batch 3"], target: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch 3 3"]:
-    """The smallest rotation that takes one direction to another less than 180° away (Rodrigues)."""
+    """Smallest rotation that takes one direction to another less than 180° away (Rodrigues)."""
     source = torch.nn.functional.normalize(source, dim=-1)
     target = torch.nn.functional.normalize(target, dim=-1)
     axis = torch.linalg.cross(source, target)
@@ -132,9 +132,9 @@ def rotation_between(
 
 
 def six_d_to_rotation(six: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3 3"]:
-    """The rotation nearest in Gram–Schmidt's sense to two columns (Zhou et al., CVPR 2019).
+    """Convert six numbers, a rotation's first two columns, by Gram–Schmidt (Zhou et al., CVPR 2019).
 
-    The root is not an Euler triple as in the authors' code, which locks at ±90° (`docs/decisions.md`).
+    The authors' code has Euler angles for the root, which lock at ±90° (`docs/decisions.md`).
     """
     first = torch.nn.functional.normalize(six[..., :3], dim=-1)
     rest = six[..., 3:] - (first * six[..., 3:]).sum(dim=-1, keepdim=True) * first

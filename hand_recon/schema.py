@@ -1,7 +1,7 @@
-"""The records that flow through the project: frozen, typed, with a unit on every field.
+"""Frozen, typed records of hands, samples, batches and predictions, with a unit on every field.
 
-Inside: metres, radians, pixels of the crop; right hands; the camera looks along +z, x right, y down.
-`docs/conventions.md` is the full list. Joints are in MANO's order, landmarks in the order of
+All are in metres, radians and pixels of the crop, for right hands; the camera looks along +z, x points
+right, y down. `docs/conventions.md` is the full list. Joints are in MANO's order, landmarks in the order of
 `hand_recon.hand.skeleton.LANDMARKS`.
 """
 
@@ -14,31 +14,31 @@ from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 REFERENCE_SIZE: Final = 224
-"""Side of the paper's crop, pixels: what landmarks without a picture are measured on."""
+"""Side of the paper's crop, pixels; landmarks without an image are in pixels of such a crop."""
 
 
 class _TensorRecord:
-    """What every record of tensors can do."""
+    """Base of records of tensors: move, detach, index and concatenate all fields at once."""
 
     def to(self, *args: object, **kwargs: object) -> Self:
-        """The same record with every tensor moved by `Tensor.to`."""
+        """Copy of the record with every tensor converted by `Tensor.to`."""
         return self._map(lambda tensor: tensor.to(*args, **kwargs))  # type: ignore[call-overload]
 
     def pin_memory(self) -> Self:
-        """The same record in page-locked memory, as a loader asks for before a copy to a GPU."""
+        """Copy of the record in page-locked memory; a DataLoader calls it before a copy to a GPU."""
         return self._map(Tensor.pin_memory)
 
     def detach(self) -> Self:
-        """The same record outside the graph."""
+        """Copy of the record without gradients."""
         return self._map(Tensor.detach)
 
     def select(self, which: Tensor | slice) -> Self:
-        """The same record of some of the hands along its first axis."""
+        """Index every tensor along its first axis."""
         return self._map(lambda tensor: tensor[which])
 
     @classmethod
     def join(cls, records: Sequence[Self]) -> Self:
-        """Records of one form, one after the other along their first axis."""
+        """Concatenate records along their first axis; all must have the same fields present."""
         joined: dict[str, object] = {}
         for field in fields(cls):  # type: ignore[arg-type]  # every subclass is a dataclass
             values = [getattr(record, field.name) for record in records]
@@ -65,7 +65,7 @@ class _TensorRecord:
 
 @dataclass(frozen=True)
 class HandParameters(_TensorRecord):
-    """What the regressor predicts of a hand: the θ, β and C of Sec. 3.1."""
+    """Pose, shape, rotation and translation of a hand: θ, β and C of Sec. 3.1."""
 
     joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
     """Bend, splay and twist of each joint from the anatomical neutral, radians."""
@@ -74,7 +74,7 @@ class HandParameters(_TensorRecord):
     root_rotation: Float[Tensor, "*batch 3 3"]
     """Rotation from the hand's frame to the camera's, about the middle finger's MCP centre."""
     translation: Float[Tensor, "*batch 3"]
-    """Where the middle finger's MCP centre is in the camera's frame, metres."""
+    """Position of the middle finger's MCP centre in the camera's frame, metres."""
 
 
 @dataclass(frozen=True)
@@ -86,75 +86,75 @@ class HandGeometry(_TensorRecord):
     joints: Float[Tensor, "*batch joint=16 3"]
     """Rotation centres, wrist first, metres."""
     landmarks: Float[Tensor, "*batch landmark=21 3"]
-    """The landmark set that the hand model was asked for, metres."""
+    """Landmarks in the hand model's landmark set, metres."""
 
 
 @dataclass(frozen=True)
 class HandSample(_TensorRecord):
-    """One crop of one hand, as a dataset gives it; left hands are already mirrored to right ones."""
+    """One crop of one hand with its labels; left hands are already mirrored to right ones."""
 
     image: UInt8[Tensor, "3 height width"]
-    """RGB; of no height and width where there are landmarks alone, in a crop of `REFERENCE_SIZE`."""
+    """RGB; height and width are 0 for landmarks without an image, in a crop of `REFERENCE_SIZE`."""
     landmarks_2d: Float[Tensor, "landmark=21 2"]
     """Labels, pixels of the crop; NaN where there is no label."""
     labelled: Bool[Tensor, "landmark=21"]
-    """Which landmarks have a 2D label."""
+    """True for landmarks that have a 2D label."""
     index: int
-    """Position in the dataset, so that a bad sample can be named."""
+    """Index in the dataset, so that error messages can name the sample."""
     source: str
-    """The file or recipe this sample came from."""
+    """File or recipe of the sample."""
     intrinsics: Float[Tensor, "3 3"] | None = None
     """Camera matrix of the crop, pixels."""
     landmarks_3d: Float[Tensor, "landmark=21 3"] | None = None
-    """Ground truth in the camera's frame, metres: evaluation and 3D supervision only."""
+    """Ground truth in the camera's frame, metres; for evaluation and 3D supervision only."""
     vertices: Float[Tensor, "vertex 3"] | None = None
-    """Ground truth in the camera's frame, metres: evaluation only."""
+    """Ground truth in the camera's frame, metres; for evaluation only."""
     occluded: Bool[Tensor, "landmark=21"] | None = None
-    """Which landmarks cannot be seen."""
+    """True for landmarks that are occluded."""
     label_noise: Float[Tensor, "landmark=21"] | None = None
-    """Standard deviation of the label's noise, pixels of the crop: known for synthetic hands."""
+    """Standard deviation of the label's noise, pixels of the crop; known for synthetic hands."""
     confidence: Float[Tensor, "landmark=21"] | None = None
-    """How sure of each landmark whoever placed it was, from 0 to 1; a detector's score."""
+    """Detector confidence of each landmark, 0 to 1."""
     mirrored: bool = False
-    """Whether the pixels show a left hand turned into a right one."""
+    """True if image and labels are mirrored from a left hand."""
 
 
 @dataclass(frozen=True)
 class HandBatch(_TensorRecord):
-    """Samples stacked. What some samples lack is NaN there, and a mask says so; never zero."""
+    """Stacked samples; labels that a sample lacks are NaN or masked, never zero."""
 
     image: UInt8[Tensor, "batch 3 height width"] | Float[Tensor, "batch 3 height width"]
-    """RGB, 0–255 as bytes, or 0–1 as floats once augmented; of no size with landmarks alone."""
+    """RGB, 0–255 as bytes, or 0–1 as floats once augmented; size 0 for landmarks without images."""
     landmarks_2d: Float[Tensor, "batch landmark=21 2"]
     """Labels, pixels of the crop; NaN where there is no label."""
     labelled: Bool[Tensor, "batch landmark=21"]
-    """Which landmarks have a 2D label."""
+    """True for landmarks that have a 2D label."""
     index: Int[Tensor, " batch"]
-    """Position of each sample in its dataset."""
+    """Index of each sample in its dataset."""
     source: tuple[str, ...]
-    """The file or recipe of each sample."""
+    """File or recipe of each sample."""
     intrinsics: Float[Tensor, "batch 3 3"] | None = None
-    """Camera matrix of the crop, pixels; absent if any sample lacks one."""
+    """Camera matrix of the crop, pixels; None if any sample lacks one."""
     landmarks_3d: Float[Tensor, "batch landmark=21 3"] | None = None
-    """Ground truth, camera frame, metres; NaN for samples without; absent if all lack it."""
+    """Ground truth, camera frame, metres; NaN for samples without it; None if all lack it."""
     vertices: Float[Tensor, "batch vertex 3"] | None = None
-    """Ground truth, camera frame, metres; NaN for samples without; absent if all lack it."""
+    """Ground truth, camera frame, metres; NaN for samples without it; None if all lack it."""
     occluded: Bool[Tensor, "batch landmark=21"] | None = None
-    """Which landmarks cannot be seen; absent if any sample does not know."""
+    """True for landmarks that are occluded; None if it is unknown for any sample."""
     label_noise: Float[Tensor, "batch landmark=21"] | None = None
     """Standard deviation of the label's noise, pixels; NaN where unknown."""
     confidence: Float[Tensor, "batch landmark=21"] | None = None
-    """How sure of each landmark whoever placed it was, from 0 to 1; NaN where unknown."""
+    """Detector confidence of each landmark, 0 to 1; NaN where unknown."""
     mirrored: Bool[Tensor, " batch"] | None = None
-    """Which pictures show a left hand turned into a right one; absent if none does."""
+    """True for samples that are mirrored from a left hand; None if none is."""
 
     def __len__(self) -> int:
         return int(self.landmarks_2d.shape[0])
 
     def select(self, which: Tensor | slice) -> Self:
-        """The same record of some of the hands, their sources among them."""
-        places = torch.arange(len(self))[which.cpu() if isinstance(which, Tensor) else which]
-        sources = tuple(self.source[place] for place in places.tolist())
+        """Index every tensor and the sources along the first axis."""
+        indices = torch.arange(len(self))[which.cpu() if isinstance(which, Tensor) else which]
+        sources = tuple(self.source[index] for index in indices.tolist())
         return replace(super().select(which), source=sources)
 
     @property
@@ -165,10 +165,10 @@ class HandBatch(_TensorRecord):
 
 @dataclass(frozen=True)
 class HandPrediction(_TensorRecord):
-    """What the regressor says of a batch of crops."""
+    """The regressor's predictions for a batch of crops."""
 
     parameters: HandParameters
-    """Pose, shape and placement."""
+    """Pose, shape, rotation and translation."""
     vertices: Float[Tensor, "*batch vertex 3"]
     """Camera frame, metres."""
     joints: Float[Tensor, "*batch joint=16 3"]
@@ -180,19 +180,21 @@ class HandPrediction(_TensorRecord):
     log_sigma: Float[Tensor, "*batch landmark=21 2"]
     """log σ of each coordinate, σ in pixels of a 224-pixel crop (Sec. 3.3)."""
     intrinsics: Float[Tensor, "*batch 3 3"]
-    """The camera matrix used for the projection, pixels of the crop."""
+    """Camera matrix of the projection, pixels of the crop."""
     correlation: Float[Tensor, "*batch landmark=21"] | None = None
-    """Correlation of the errors of a landmark's two coordinates, −1 to 1; none where it is not predicted."""
+    """Correlation of the errors of a landmark's two coordinates, −1 to 1; None if it is not predicted."""
 
 
 def collate(samples: list[HandSample]) -> HandBatch:
-    """Stack samples into a batch; see `HandBatch` for what happens to what some of them lack.
+    """Stack samples into a batch; `HandBatch` says which missing labels become NaN and which None.
 
     Raises:
         ValueError: The list is empty, or the crops differ in size.
     """
     if not samples:
-        raise ValueError("Cannot make a batch of no samples.")
+        raise ValueError(
+            "Found an empty list of samples, expected at least one to make a batch of."
+        )
     sizes = {tuple(sample.image.shape) for sample in samples}
     if len(sizes) > 1:
         raise ValueError(
@@ -211,11 +213,11 @@ def collate(samples: list[HandSample]) -> HandBatch:
         occluded=_stack_if_all([sample.occluded for sample in samples]),
         label_noise=_stack_or_nan([sample.label_noise for sample in samples]),
         confidence=_stack_or_nan([sample.confidence for sample in samples]),
-        mirrored=_which([sample.mirrored for sample in samples]),
+        mirrored=_stack_if_any([sample.mirrored for sample in samples]),
     )
 
 
-def _which(flags: list[bool]) -> Tensor | None:
+def _stack_if_any(flags: list[bool]) -> Tensor | None:
     return torch.tensor(flags) if any(flags) else None
 
 

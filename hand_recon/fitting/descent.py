@@ -128,7 +128,7 @@ class Objective:
         )
         residual = prediction.landmarks_2d - observation.landmarks_2d
         data = self.data_term(residual, prediction.log_sigma, observation.labelled)
-        raw = self.prior(prediction, contact=self.surface)
+        raw = self.prior(parameters, posed.vertices if self.surface else None)
         weighted = self.prior.weighted(raw)
         loss = {"total": data + sum(weighted.values()), "data": data, **raw}
         return Fitted(
@@ -137,7 +137,7 @@ class Objective:
 
     def without_surface(self) -> "Objective":
         """The same on the few vertices that landmarks need, several times faster."""
-        return replace(self, hand=self.hand.of_landmarks(), surface=False)
+        return replace(self, hand=self.hand.landmarks_only(), surface=False)
 
 
 def fit(

@@ -1,8 +1,8 @@
-"""Each joint's anatomical axes and the rest pose's joint angles, from a skeleton at rest (Sec. 3.2).
+"""Anatomical axes of each joint and the rest pose's joint angles, from a skeleton at rest (Sec. 3.2).
 
-The neutral is anatomy's, whatever pose a hand was modelled in: fingers straight and parallel to the third
-metacarpal, the thumb's metacarpal in line with the trapezium (`docs/open_hand.md`). So the open hand and
-MANO mean the same by the same joint angles.
+The neutral pose is the anatomical one, independent of the pose in which a hand was modelled: fingers
+straight and parallel to the third metacarpal, the thumb's metacarpal in line with the trapezium
+(`docs/open_hand.md`). Equal joint angles therefore mean the same pose of the open hand and of MANO.
 """
 
 from typing import Final
@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 ARCH: Final = {"index": 2.0, "middle": 0.0, "ring": -2.0, "little": -5.0}
-"""Tilt of each finger's back towards the thumb, degrees: the transverse arch of the MCP heads.
+"""Tilt of each finger's dorsal side towards the thumb, degrees: the transverse arch of the MCP heads.
 
-Less than the bones' own arch: fingers bent together lie side by side without room to spare.
+It is smaller than the arch of the bones, because fingers that bend together lie closely side by side.
 """
 
 TRAPEZIUM: Final = (48.0, 38.0, 80.0)
@@ -26,11 +26,11 @@ ORDER: Final = ("index", "middle", "little", "ring", "thumb")
 def axes_at_rest(
     joints: Float[np.ndarray, "joint=16 3"], tips: Float[np.ndarray, "finger=5 3"]
 ) -> tuple[Float[np.ndarray, "joint=15 3 3"], Float[np.ndarray, "joint=15 axis=3"]]:
-    """The axes of every joint, and where the rest pose stands about them.
+    """Compute the axes of every joint and the joint angles of the rest pose.
 
     Args:
         joints: Rotation centres of a right hand at rest, metres.
-        tips: Ends of the fingers in MANO's order, metres.
+        tips: Fingertips in MANO's order, metres.
 
     Returns:
         Axes of each child segment at rest, one per column: twist, splay, bend; and bend, splay and
@@ -71,23 +71,23 @@ def trapezium_frame(proximal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3
 def frame_along(
     proximal: Float[np.ndarray, " 3"], dorsal: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Right-handed axes in columns: towards the wrist, to the back, and what is left."""
+    """Right-handed axes in columns: towards the wrist, dorsal, and their cross product."""
     x = unit(proximal)
     y = unit(dorsal - dorsal @ x * x)
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
 def rotation(axis: int, angle: float) -> Float[np.ndarray, "3 3"]:
-    """About a coordinate axis."""
+    """Rotation matrix about a coordinate axis, 0 to 2, by an angle in radians."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
-    turn[first, first] = turn[second, second] = np.cos(angle)
-    turn[second, first], turn[first, second] = np.sin(angle), -np.sin(angle)
-    return turn
+    matrix = np.eye(3)
+    matrix[first, first] = matrix[second, second] = np.cos(angle)
+    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
+    return matrix
 
 
 def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """The vector at length one."""
+    """Scale vectors to unit length."""
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 

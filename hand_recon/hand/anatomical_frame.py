@@ -1,9 +1,9 @@
-"""Bend, splay and twist ↔ rotations, about each joint's own anatomical axes (Sec. 3.2).
+"""Conversions between bend, splay and twist and rotations, about each joint's anatomical axes (Sec. 3.2).
 
-Each joint has an orthonormal frame at rest: x along the child bone towards the wrist (twist), y to the
-back of the hand (splay), z about which the joint flexes (bend). A child segment turned by
-`R_y(splay) R_x(twist) R_z(bend)` from the anatomical neutral keeps the axis without freedom in the middle,
-so the angles lock only at ±90° of twist, which no joint reaches (`docs/decisions.md`).
+Each joint has an orthonormal frame at rest: x along the child bone towards the wrist (twist), y dorsal
+(splay), z the axis of flexion (bend). The rotation of the child segment from the anatomical neutral is
+`R_y(splay) R_x(twist) R_z(bend)`. Twist, the axis with the least freedom, is in the middle, so the angles
+lock only at ±90° of twist, which no joint reaches (`docs/decisions.md`).
 """
 
 import torch
@@ -32,7 +32,7 @@ def angles_to_rotation(
 
 
 def rotation_to_angles(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch axis=3"]:
-    """The inverse of `angles_to_rotation`, with twist in [−90°, 90°].
+    """Inverse of `angles_to_rotation`, with twist in [−90°, 90°].
 
     Returns:
         Bend, splay and twist, radians.
@@ -53,8 +53,8 @@ def joint_rotations(
     Args:
         joint_angles: From the anatomical neutral, radians.
         frames: Axes of each child segment at rest, one per column, in the hand's frame.
-        rest_angles: The joint angles of the rest pose, radians: zero joint angles give the neutral
-            pose, whatever pose the mesh was modelled in.
+        rest_angles: Joint angles of the rest pose, radians. They make zero joint angles the neutral pose,
+            independent of the pose in which the mesh was modelled.
     """
     from_rest = angles_to_rotation(rest_angles).mT @ angles_to_rotation(joint_angles)
     return frames @ from_rest @ frames.mT
@@ -65,5 +65,5 @@ def joint_angles_of(
     frames: Float[Tensor, "joint=15 3 3"],
     rest_angles: Float[Tensor, "joint=15 axis=3"],
 ) -> Float[Tensor, "*batch joint=15 axis=3"]:
-    """The inverse of `joint_rotations`."""
+    """Joint angles from rotations, the inverse of `joint_rotations`."""
     return rotation_to_angles(angles_to_rotation(rest_angles) @ (frames.mT @ rotations @ frames))

@@ -1,15 +1,15 @@
-"""Axis times angle ↔ rotation matrix: how MANO and the datasets labelled with it store rotations."""
+"""Conversions between axis angles, MANO's form of rotations, and rotation matrices."""
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 SMALL = 1e-8
-"""Squared angles below which the series is exact to double precision."""
+"""Squared angle below which the Taylor series is exact to double precision, radians²."""
 
 
 def axis_angle_to_rotation(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """Rodrigues' formula, with a gradient at zero.
+    """Convert axis angles to rotation matrices by Rodrigues' formula, with a finite gradient at zero.
 
     Args:
         axis_angle: Axis times angle, radians.
@@ -27,9 +27,9 @@ def axis_angle_to_rotation(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tenso
 
 
 def rotation_to_axis_angle(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 3"]:
-    """The inverse of `axis_angle_to_rotation`, with an angle of at most 180°.
+    """Convert rotation matrices to axis angles of at most 180°, the inverse of `axis_angle_to_rotation`.
 
-    Exact near 0° and near 180°: it goes through whichever of the quaternion's parts is the largest.
+    The conversion goes through the quaternion by its largest component, so it is exact near 0° and 180°.
     """
     (a, b, c), (d, e, f), (g, h, i) = (row.unbind(dim=-1) for row in rotation.unbind(dim=-2))
     products = torch.stack([
@@ -38,7 +38,7 @@ def rotation_to_axis_angle(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tenso
         torch.stack([c - g, d + b, 1 - a + e - i, h + f], dim=-1),
         torch.stack([d - b, c + g, h + f, 1 - a - e + i], dim=-1),
     ], dim=-2)  # fmt: skip
-    # Each row is the quaternion (w, x, y, z) times four times one of its parts.
+    # Each row is the quaternion (w, x, y, z) times four times one of its components.
     largest = products.diagonal(dim1=-2, dim2=-1).argmax(dim=-1)[..., None, None]
     row = products.take_along_dim(largest, dim=-2).squeeze(-2)
     quaternion = torch.nn.functional.normalize(row, dim=-1)
@@ -52,9 +52,9 @@ def rotation_to_axis_angle(rotation: Float[Tensor, "*batch 3 3"]) -> Float[Tenso
 
 
 def mirror_axis_angle(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """The rotation as a mirror that turns x round shows it: (x, −y, −z), left hands ↔ right hands.
+    """Mirror rotations at the plane x = 0, which exchanges left and right hands: (x, −y, −z).
 
-    The 45 coefficients of MANO's pose components have no such rule: turn them into axis angles first.
+    Coefficients of MANO's pose components cannot be mirrored like this: convert them to axis angles first.
     """
     return axis_angle * torch.tensor(
         [1.0, -1.0, -1.0], dtype=axis_angle.dtype, device=axis_angle.device

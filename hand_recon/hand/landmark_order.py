@@ -1,8 +1,8 @@
-"""Which order landmarks are in, told from the landmarks: in the right one, bones are short.
+"""Detection of the landmark convention of unlabelled points: the correct order has the shortest bones.
 
-Every convention numbers the 21 points otherwise (`hand_recon.hand.skeleton.LANDMARK_ORDERS`), and files do
-not say which is theirs. Read in a wrong order, some bones cross the hand: the right order has the shortest
-bones in sum. It works for points of an image as for points in space.
+Each convention orders the 21 landmarks differently (`hand_recon.hand.skeleton.LANDMARK_ORDERS`), and files
+do not say which one they follow. In a wrong order some bones cross the hand, so the correct order has the
+smallest sum of bone lengths. This holds for 2D points and for 3D points.
 """
 
 from typing import Final
@@ -13,26 +13,27 @@ from jaxtyping import Float
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARK_PARENTS, landmark_permutation
 
 MARGIN: Final = 0.98
-"""Another order is believed if it shortens the bones to less than this. Two tips exchanged shorten them by
-about 5 %, and the noise of detectors by nothing: it lengthens bones in every order."""
+"""Largest ratio of bone lengths, best order to assumed order, at which the best one is reported. Correcting
+two exchanged tips shortens the bones by about 5 %; detector noise lengthens them in every order."""
 
 MAJORITY: Final = 0.75
-"""Share of the hands whose bones it must shorten. Of fists in pictures, some are shorter in a wrong order."""
+"""Share of hands whose bones must be shorter in the reported order; a few fists in images are shorter in a
+wrong order."""
 
 FEWEST: Final = 5
-"""Hands without which nothing is said: one fist can look shorter in a wrong order."""
+"""Least number of hands for a result, because a single fist can be shorter in a wrong order."""
 
 
 def bone_sums(
     points: Float[np.ndarray, "hand landmark=21 dimension"],
 ) -> dict[str, Float[np.ndarray, " whole"]]:
-    """Sum of each hand's bones over its size, if the points were in each of the known orders.
+    """Sum of bone lengths over hand size, for each known order that the points could be in.
 
     Args:
-        points: In any unit; hands with a NaN, and those of no size, are left out.
+        points: Any unit; hands that have a NaN or zero size are left out.
 
     Returns:
-        By name of the order.
+        One value per hand, by name of the order.
     """
     whole = points[np.isfinite(points).all(axis=(1, 2))].astype(np.float64)
     size = np.linalg.norm(np.ptp(whole, axis=1), axis=-1)
@@ -48,14 +49,14 @@ def bone_sums(
 def better_order(
     points: Float[np.ndarray, "hand landmark=21 dimension"], assumed: str = "freihand"
 ) -> str | None:
-    """The order that the points look to be in, if it is clearly not the assumed one.
+    """Find the order with clearly shorter bones than the assumed one.
 
     Args:
-        points: In the assumed order, any unit; hands with a NaN are left out.
+        points: Any unit, presumed to be in the assumed order; hands that have a NaN are left out.
         assumed: A key of `LANDMARK_ORDERS`.
 
     Returns:
-        A key of `LANDMARK_ORDERS`, or none if the assumed order may be right or there are too few hands.
+        A key of `LANDMARK_ORDERS`, or None if no order is clearly better or there are too few hands.
     """
     sums = bone_sums(points)
     own = sums[assumed]

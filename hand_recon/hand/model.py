@@ -14,13 +14,13 @@ from hand_recon.schema import HandGeometry, HandParameters
 
 @dataclass(frozen=True)
 class HandAsset:
-    """Everything that tells one hand from another: the contents of a hand file.
+    """Arrays that define a hand model: mesh, blend shapes, skinning, anatomical axes and landmarks.
 
     All points are in the hand's frame at rest: fingers point −x, the palm faces −y, the thumb is at +z.
     """
 
     name: str
-    """Which hand this is, for checkpoints and messages."""
+    """Name of the hand, for checkpoints and messages."""
     template: Float[Tensor, "vertex 3"]
     """Mean surface at rest, metres."""
     shape_directions: Float[Tensor, "vertex 3 direction=10"]
@@ -30,11 +30,11 @@ class HandAsset:
     joint_shape_directions: Float[Tensor, "joint=16 3 direction=10"]
     """Displacement of the rotation centres per standard deviation, metres."""
     skinning_weights: Float[Tensor, "vertex joint=16"]
-    """How much each joint carries each vertex; rows sum to one."""
+    """Weight of each joint's motion at each vertex; rows sum to one."""
     faces: Int[Tensor, "face 3"]
     """Triangles, counter-clockwise from outside, open at the wrist."""
     wrist_ring: Int[Tensor, " ring"]
-    """Vertices of the open boundary in the order in which a cap's triangles traverse it."""
+    """Vertices of the open boundary, in the order in which the triangles of a cap go round it."""
     frames: Float[Tensor, "joint=15 3 3"]
     """Anatomical axes of each child segment at rest, one per column: twist, splay, bend."""
     rest_angles: Float[Tensor, "joint=15 axis=3"]
@@ -42,13 +42,13 @@ class HandAsset:
     landmark_regressors: dict[str, Float[Tensor, "landmark=21 point"]]
     """Weights over the vertices followed by the rotation centres, by name of the landmark set."""
     pose_directions: Float[Tensor, "vertex 3 rotation=135"] | None = None
-    """MANO's pose blend shapes over the entries of R − I; absent for hands without."""
+    """MANO's pose blend shapes over the entries of R − I, metres; None for hands without."""
 
 
 class HandModel(nn.Module):
-    """A posed hand from joint angles and shape, for any batch shape and precision.
+    """Hand model that maps joint angles and shape to a posed hand, for any batch shape and precision.
 
-    Linear blend skinning in three batched steps, one per level of the skeleton.
+    It is linear blend skinning; forward kinematics takes one batched step per level of the skeleton.
     """
 
     template: Tensor
@@ -68,7 +68,7 @@ class HandModel(nn.Module):
 
         Args:
             asset: The hand.
-            landmarks: Which of the asset's landmark sets `forward` returns.
+            landmarks: Name of the asset's landmark set that `forward` returns.
 
         Raises:
             ValueError: The asset has no such landmark set.
@@ -92,7 +92,7 @@ class HandModel(nn.Module):
     def rest(
         self, shape: Float[Tensor, "*batch direction=10"]
     ) -> tuple[Float[Tensor, "*batch vertex 3"], Float[Tensor, "*batch joint=16 3"]]:
-        """Surface and rotation centres at rest, with the middle finger's MCP centre at the origin."""
+        """Vertices and rotation centres at rest, with the middle finger's MCP centre at the origin."""
         vertices = self.template + torch.einsum("vxs,...s->...vx", self.shape_directions, shape)
         joints = self.joints_template + torch.einsum(
             "jxs,...s->...jx", self.joint_shape_directions, shape
@@ -105,7 +105,7 @@ class HandModel(nn.Module):
         joint_angles: Float[Tensor, "*batch joint=15 axis=3"],
         shape: Float[Tensor, "*batch direction=10"],
     ) -> HandGeometry:
-        """Pose the hand in its own frame: the palm does not move, the fingers do.
+        """Pose the hand in its own frame, in which the palm is fixed.
 
         Args:
             joint_angles: Bend, splay and twist from the anatomical neutral, radians.
@@ -118,10 +118,10 @@ class HandModel(nn.Module):
         rotations: Float[Tensor, "*batch joint=15 3 3"],
         shape: Float[Tensor, "*batch direction=10"],
     ) -> HandGeometry:
-        """Pose the hand in its own frame by rotation matrices, as MANO's own parameters give them.
+        """Pose the hand in its own frame from rotation matrices, as MANO's parameters define them.
 
         Args:
-            rotations: Of each joint from the rest pose, relative to its parent, in the hand's own axes.
+            rotations: Rotation of each joint from the rest pose, relative to its parent, in the hand's axes.
             shape: Coefficients of the shape directions, standard deviations.
         """
         vertices, joints = self.rest(shape)
@@ -130,43 +130,43 @@ class HandModel(nn.Module):
             vertices = vertices + torch.einsum(
                 "vxr,...r->...vx", self.pose_directions, deviation.flatten(-3)
             )
-        turns, centres = _forward_kinematics(rotations, joints)
-        shifts = centres - (turns @ joints[..., None])[..., 0]
-        vertices = self._skin(vertices, turns, shifts)
+        orientations, centres = _forward_kinematics(rotations, joints)
+        translations = centres - (orientations @ joints[..., None])[..., 0]
+        vertices = self._skin(vertices, orientations, translations)
         return HandGeometry(vertices, centres, self.landmarks_of(vertices, centres))
 
     def _skin(
         self,
         vertices: Float[Tensor, "*batch vertex 3"],
-        turns: Float[Tensor, "*batch joint=16 3 3"],
-        shifts: Float[Tensor, "*batch joint=16 3"],
+        rotations: Float[Tensor, "*batch joint=16 3 3"],
+        translations: Float[Tensor, "*batch joint=16 3"],
     ) -> Float[Tensor, "*batch vertex 3"]:
-        """Linear blend skinning: every vertex moved by its own mixture of the joints' rigid motions."""
-        motions = torch.cat([turns, shifts[..., None]], dim=-1)
-        # With the vertices last, a matrix times a vector at every vertex is three sums of long rows: half
-        # the time of as many products of small matrices.
+        """Move every vertex by the weighted mean of the joints' rigid motions (linear blend skinning)."""
+        motions = torch.cat([rotations, translations[..., None]], dim=-1)
+        # With the vertex axis last, the products are sums of three long rows, which takes half the time of
+        # one small matrix product per vertex.
         blended = torch.einsum("vj,...jxy->...xyv", self.skinning_weights, motions)
-        turned = (blended[..., :3, :] * vertices.mT[..., None, :, :]).sum(dim=-2)
-        return (turned + blended[..., 3, :]).mT
+        rotated = (blended[..., :3, :] * vertices.mT[..., None, :, :]).sum(dim=-2)
+        return (rotated + blended[..., 3, :]).mT
 
     def landmarks_of(
         self,
         vertices: Float[Tensor, "*batch vertex 3"],
         joints: Float[Tensor, "*batch joint=16 3"],
     ) -> Float[Tensor, "*batch landmark=21 3"]:
-        """The landmark set on any posed hand: a linear map of its points, the paper's H."""
-        # The points last, as `_skin` leaves them: one product for all hands, not one for each.
+        """Landmarks of a posed hand, a linear map of its vertices and joints: the paper's H."""
+        # The transposes undo the layout that `_skin` returns, so that one matrix product serves all hands.
         return (torch.cat([vertices.mT, joints.mT], dim=-1) @ self.landmark_regressor.mT).mT
 
     def to_camera(self, parameters: HandParameters) -> HandGeometry:
-        """Pose the hand and put it into the camera's frame (the R and t of Sec. 3.1)."""
+        """Pose the hand in the camera's frame, with R and t of Sec. 3.1."""
         hand = self(parameters.joint_angles, parameters.shape)
-        return moved(hand, parameters.root_rotation, parameters.translation)
+        return transform(hand, parameters.root_rotation, parameters.translation)
 
-    def of_landmarks(self) -> "HandModel":
-        """The same hand with those vertices alone that its landmarks need: for fits, which is faster.
+    def landmarks_only(self) -> "HandModel":
+        """Copy of the model with only the vertices that its landmarks need, to make fits faster.
 
-        It has no faces.
+        The copy has no faces.
         """
         count = len(self.template)
         needed = self.landmark_regressor[:, :count].any(dim=0)
@@ -181,50 +181,49 @@ class HandModel(nn.Module):
         light.faces, light.wrist_ring = self.faces[:0], self.wrist_ring[:0]
         return light
 
-    def neutral_angles(self) -> Float[Tensor, "joint=15 axis=3"]:
-        """The joint angles of the anatomical neutral: all zero."""
-        return torch.zeros_like(self.rest_angles)
 
-
-def moved(
+def transform(
     hand: HandGeometry,
     rotation: Float[Tensor, "*batch 3 3"],
     translation: Float[Tensor, "*batch 3"],
 ) -> HandGeometry:
-    """A hand turned about its origin, then shifted.
+    """Transform a hand to another frame: x' = R x + t for all of its points.
 
     Args:
-        hand: Metres.
-        rotation: From the hand's frame to the new one.
-        translation: Where the origin comes to be, metres.
+        hand: Points, metres.
+        rotation: Rotation from the hand's frame to the new one.
+        translation: Origin of the hand's frame in the new one, metres.
     """
 
-    def placed(points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
+    def transformed(points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
         return (rotation @ points.mT + translation[..., None]).mT
 
-    return HandGeometry(placed(hand.vertices), placed(hand.joints), placed(hand.landmarks))
+    return HandGeometry(
+        transformed(hand.vertices), transformed(hand.joints), transformed(hand.landmarks)
+    )
 
 
 def _forward_kinematics(
     rotations: Float[Tensor, "*batch joint=15 3 3"], joints: Float[Tensor, "*batch joint=16 3"]
 ) -> tuple[Float[Tensor, "*batch joint=16 3 3"], Float[Tensor, "*batch joint=16 3"]]:
-    """Orientation and centre of every joint, from each joint's rotation and the centres at rest."""
+    """Orientation and centre of every joint, from the joint rotations and the centres at rest."""
     *batch, _, _ = joints.shape
     eye = torch.eye(3, dtype=joints.dtype, device=joints.device)
-    turns = {0: eye.expand(*batch, 3, 3)}
+    orientations = {0: eye.expand(*batch, 3, 3)}
     centres = {0: joints[..., 0, :]}
     for level in JOINT_LEVELS:
         parents = [PARENTS[joint] for joint in level]
-        parent_turns = torch.stack([turns[parent] for parent in parents], dim=-3)
+        parent_orientations = torch.stack([orientations[parent] for parent in parents], dim=-3)
         parent_centres = torch.stack([centres[parent] for parent in parents], dim=-2)
         bones = joints[..., list(level), :] - joints[..., parents, :]
-        level_turns = parent_turns @ rotations[..., [joint - 1 for joint in level], :, :]
-        level_centres = parent_centres + (parent_turns @ bones[..., None])[..., 0]
+        level_rotations = rotations[..., [joint - 1 for joint in level], :, :]
+        level_orientations = parent_orientations @ level_rotations
+        level_centres = parent_centres + (parent_orientations @ bones[..., None])[..., 0]
         for position, joint in enumerate(level):
-            turns[joint] = level_turns[..., position, :, :]
+            orientations[joint] = level_orientations[..., position, :, :]
             centres[joint] = level_centres[..., position, :]
     order = range(len(PARENTS))
     return (
-        torch.stack([turns[joint] for joint in order], dim=-3),
+        torch.stack([orientations[joint] for joint in order], dim=-3),
         torch.stack([centres[joint] for joint in order], dim=-2),
     )

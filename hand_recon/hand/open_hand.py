@@ -1,4 +1,4 @@
-"""The licence-free hand: derived from MakeHuman's CC0 data, read from a small asset in the package."""
+"""The open hand: a licence-free hand model from MakeHuman's CC0 data, stored as an asset in the package."""
 
 from importlib.resources import files
 
@@ -8,20 +8,21 @@ import torch
 from hand_recon.hand.model import HandAsset, HandModel
 
 ASSET = "assets/open_hand.npz"
-"""Built by `tools/build_open_hand.py`; `assets/NOTICE.md` tells its origin."""
+"""The asset, built by `tools/build_open_hand.py`; `assets/NOTICE.md` gives its origin."""
 
 MANO_LABELLED = ("freihand", "dexycb", "ho3d")
-"""Datasets whose landmarks the set `mano` stands for, as near as a hand that is not MANO can come.
+"""Datasets labelled with MANO, for which the open hand approximates the landmarks by its set `mano`.
 
-They differ by a few millimetres at the fingertips, in the numbers of MANO's vertices; this hand has others.
+Their landmarks differ by a few millimetres at the fingertips, which are vertices of MANO's mesh; the open
+hand has another mesh.
 """
 
 
 def load_open_hand() -> HandAsset:
-    """Read the open hand.
+    """Read the open hand's asset.
 
     Raises:
-        FileNotFoundError: The asset is not beside this module.
+        FileNotFoundError: The asset is missing from the package.
     """
     path = files("hand_recon.hand") / ASSET
     if not path.is_file():
@@ -43,5 +44,5 @@ def load_open_hand() -> HandAsset:
 
 
 def open_hand(landmarks: str = "knuckle") -> HandModel:
-    """The open hand's model with the named landmark set: `knuckle`, or `mano` by any of its names."""
+    """Build the open hand with a landmark set: `knuckle`, or `mano` or one of `MANO_LABELLED`."""
     return HandModel(load_open_hand(), landmarks)

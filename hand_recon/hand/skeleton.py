@@ -1,4 +1,4 @@
-"""Names and orders of the 16 joints and the 21 landmarks, and every permutation between conventions.
+"""Names and orders of the 16 joints and the 21 landmarks, and permutations between conventions.
 
 Joints are MANO's (Sec. 3.1): the wrist, then three per finger in the order index, middle, little, ring,
 thumb. Landmarks are FreiHAND's, which OpenPose, DexYCB, MediaPipe and COCO-WholeBody share: the wrist,
@@ -38,7 +38,7 @@ JOINT_LEVELS: Final[tuple[tuple[int, ...], ...]] = (
     (2, 5, 8, 11, 14),
     (3, 6, 9, 12, 15),
 )
-"""Joints whose parents are all posed already: forward kinematics takes three steps, not fifteen."""
+"""Joints by depth in the skeleton, so that forward kinematics takes three batched steps."""
 
 AXES: Final[tuple[str, ...]] = ("bend", "splay", "twist")
 """The order of every `axis=3` of joint angles."""
@@ -57,26 +57,26 @@ LANDMARKS: Final[tuple[str, ...]] = (
 """The 21 landmarks in FreiHAND's order."""
 
 LANDMARK_OF_JOINT: Final[tuple[int, ...]] = tuple(LANDMARKS.index(name) for name in JOINTS)
-"""Where each of the 16 joints stands among the landmarks."""
+"""Landmark index of each of the 16 joints."""
 
 JOINT_OF_LANDMARK: Final[dict[int, int]] = {
     landmark: joint for joint, landmark in enumerate(LANDMARK_OF_JOINT)
 }
-"""The joint at each landmark that has one; the five tips have none."""
+"""Joint index by landmark index; the five tips have no joint."""
 
 TIPS: Final[tuple[int, ...]] = (4, 8, 12, 16, 20)
-"""The fingertips among the landmarks, thumb first."""
+"""Landmark indices of the fingertips, thumb first."""
 
 LANDMARK_PARENTS: Final[tuple[int, ...]] = (
     -1, 0, 1, 2, 3, 0, 5, 6, 7, 0, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 19,
 )  # fmt: skip
-"""Parent of each landmark: the 20 bones that are drawn and measured."""
+"""Parent of each landmark; the 20 pairs are the bones that are drawn and measured."""
 
 ROOT_JOINT: Final[int] = JOINTS.index("middle MCP")
-"""The joint at the origin of the hand's frame; FreiHAND's root too."""
+"""Joint at the origin of the hand's frame, which is FreiHAND's root too."""
 
 ROOT_LANDMARK: Final[int] = LANDMARKS.index("middle MCP")
-"""The same among the landmarks."""
+"""Landmark index of `ROOT_JOINT`."""
 
 _HO3D: Final = (*JOINTS, "thumb tip", "index tip", "middle tip", "ring tip", "little tip")
 _KNOWN: Final = (*JOINTS, "thumb tip", "index tip", "middle tip", "little tip", "ring tip")
@@ -100,8 +100,8 @@ def landmark_permutation(source: str, target: str) -> tuple[int, ...]:
     """Indices such that `landmarks_target = landmarks_source[indices]`.
 
     Args:
-        source: Convention of the landmarks at hand, a key of `LANDMARK_ORDERS`.
-        target: Convention that is wanted.
+        source: Convention of the given landmarks, a key of `LANDMARK_ORDERS`.
+        target: Convention to convert to, a key of `LANDMARK_ORDERS`.
 
     Raises:
         ValueError: A convention is unknown.

@@ -81,7 +81,7 @@ class Regressor(nn.Module):
         self.iterations = iterations
         self.use_intrinsics = use_intrinsics
         # Without its surface a hand is posed several times faster, and rounds need none.
-        self.skeleton = hand.of_landmarks() if reprojection else None
+        self.skeleton = hand.landmarks_only() if reprojection else None
         self.sizes = _SIZES | ({"correlation": 21} if correlated else {})
         initial = _initial_state()
         if correlated:

@@ -202,7 +202,7 @@ def test_the_hand_of_its_landmarks_has_them_and_their_gradients(
 ) -> None:
     """A tenth of the vertices give the same landmarks, to the last bit but one."""
     whole = HandModel(load_open_hand(), landmarks).double()
-    light = whole.of_landmarks()
+    light = whole.landmarks_only()
     results = []
     for hand in (whole, light):
         leaves = [value.requires_grad_() for value in map(torch.clone, seeded_pose(shape))]
@@ -226,7 +226,7 @@ def test_the_hand_of_its_landmarks_is_light_and_leaves_the_whole_one_alone(
     hand64: HandModel,
 ) -> None:
     before = {name: buffer.clone() for name, buffer in hand64.named_buffers()}
-    light = hand64.of_landmarks()
+    light = hand64.landmarks_only()
     assert 10 < len(light.template) < len(hand64.template) / 5
     assert light.faces.shape == (0, 3)
     assert light.wrist_ring.shape == (0,)
@@ -240,7 +240,7 @@ def test_the_hand_of_its_landmarks_keeps_pose_directions() -> None:
     asset = load_open_hand()
     directions = 1e-3 * torch.randn(len(asset.template), 3, 135)
     whole = HandModel(replace(asset, pose_directions=directions)).double()
-    light = whole.of_landmarks()
+    light = whole.landmarks_only()
     assert light.pose_directions is not None
     assert len(light.pose_directions) == len(light.template)
     angles, shape = pose((4,))

@@ -50,7 +50,7 @@ class Ho3dRecipe:
     eval_root: Path | str | None = None
     """The folder that holds `evaluation_xyz.json`, if it is not the root."""
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
-    """Size and place of the crops."""
+    """Size and position of the crops."""
     test_crop: CropPolicy | None = None
     """The same for test hands, where it differs: evaluation frames have boxes and no landmarks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)

@@ -1,8 +1,8 @@
-"""MANO as a hand of this project: the same joint angles, anatomical neutral and records as the open hand.
+"""MANO as a `HandModel`, with the same joint angles, anatomical neutral and records as the open hand.
 
-MANO (Romero et al., SIGGRAPH Asia 2017) needs its makers' licence; `mano_store.py` says how its file gets
-here. Its rest pose is flat and spread: the axes and where that pose stands about them come from its own
-skeleton, by the same function as the open hand's.
+MANO (Romero et al., SIGGRAPH Asia 2017) needs its makers' licence; `store.py` describes its file. Its rest
+pose is flat with spread fingers. Anatomical axes and rest angles are computed from its skeleton by the same
+function as for the open hand.
 """
 
 from pathlib import Path
@@ -32,24 +32,24 @@ TIP_VERTICES: Final[dict[str, tuple[int, int, int, int, int]]] = {
     "ho3d": (744, 333, 444, 555, 672),
     "smplx": (744, 320, 443, 554, 671),
 }
-"""Vertices at which each dataset puts the fingertips, thumb first.
+"""Fingertip vertices of each dataset, thumb first.
 
-Sources, facts alone: lmb-freiburg/freihand `mano_utils.py`, manopth's `manolayer.py` (which labelled DexYCB),
+Sources: lmb-freiburg/freihand `mano_utils.py`, manopth's `manolayer.py` (which labelled DexYCB),
 shreyashampali/ho3d, smplx's `vertex_ids.py` (also HaMeR's).
 """
 
 DEXYCB_LEFT_MIDDLE_TIP: Final = 445
-"""Manopth's left hand has the middle fingertip at another vertex than its right hand."""
+"""Middle fingertip of manopth's left hand, which differs from its right hand's."""
 
 REGRESSED: Final = ("freihand",)
-"""Sets whose joints follow the posed surface, as FreiHAND's labels do; the others have rotation centres."""
+"""Landmark sets with joints regressed from the posed surface, as in FreiHAND; others use rotation centres."""
 
 ALIASES: Final = {"mano": "freihand"}
-"""Other names of sets."""
+"""Further names of landmark sets."""
 
 
-JUDGED: Final = 100
-"""Hands by which a dataset's numbering of vertices is judged."""
+INSPECTED_HANDS: Final = 100
+"""Number of hands from which `follows_mano` decides on a dataset's vertex numbering."""
 
 
 def follows_mano(
@@ -57,30 +57,30 @@ def follows_mano(
     landmarks: Float[np.ndarray, "hand landmark=21 3"],
     landmark_set: str,
 ) -> bool:
-    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips.
+    """Check that vertices are numbered as MANO's: the tip vertices must coincide with the fingertips.
 
     Args:
-        vertices: Of a dataset, metres; the first `JUDGED` hands are looked at.
-        landmarks: Of the same hands, in the same frame.
-        landmark_set: The dataset's, a key of `TIP_VERTICES`.
+        vertices: Surfaces of a dataset, metres; only the first `INSPECTED_HANDS` are used.
+        landmarks: Landmarks of the same hands, in the same frame.
+        landmark_set: Landmark set of the dataset, a key of `TIP_VERTICES`.
     """
     if vertices.shape[1] != 778:
         return False
-    tips = np.asarray(vertices[:JUDGED, list(TIP_VERTICES[landmark_set])])
-    # The median: one badly fitted hand does not make the numbering another.
-    return bool(np.median(np.abs(tips - landmarks[:JUDGED, list(TIPS)])) < 1e-3)
+    tips = np.asarray(vertices[:INSPECTED_HANDS, list(TIP_VERTICES[landmark_set])])
+    # The median tolerates single hands with a bad fit.
+    return bool(np.median(np.abs(tips - landmarks[:INSPECTED_HANDS, list(TIPS)])) < 1e-3)
 
 
 def mano_hand(path: Path | str, landmarks: str = "mano") -> HandModel:
-    """The right hand of MANO.
+    """Build the hand model of MANO's right hand.
 
     Args:
-        path: The folder that `hand_recon.prepare mano` filled, or the file in it.
-        landmarks: `mano` (which is `freihand`), `dexycb`, `ho3d` or `smplx`.
+        path: Folder written by `hand_recon.prepare mano`, or the file in it.
+        landmarks: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
 
     Raises:
-        FileNotFoundError: MANO is not there.
-        ValueError: The file is not of this project, or there is no such landmark set.
+        FileNotFoundError: There is no MANO file.
+        ValueError: The file is in another format, or the landmark set is unknown.
     """
     return HandModel(load_mano(path), landmarks)
 
@@ -91,30 +91,31 @@ def load_mano(
     fix_left_shape: bool = True,
     dtype: torch.dtype = torch.float32,
 ) -> HandAsset:
-    """Read MANO into what a `HandModel` is made of.
+    """Read a MANO file as a `HandAsset`.
 
     Args:
-        path: The folder that `hand_recon.prepare mano` filled, or the file in it.
-        side: Which hand. A left one points its fingers to +x.
-        fix_left_shape: Mirror the left hand's shape directions, so that one shape means the same on
-            both hands. The release forgot to, and DexYCB is labelled without (dex-ycb-toolkit issue 28).
-        dtype: Precision of the arrays; the file has double.
+        path: Folder written by `hand_recon.prepare mano`, or the file in it.
+        side: Right or left hand; the left one's fingers point to +x.
+        fix_left_shape: Mirror the left hand's shape directions, so that equal coefficients mean equal shapes
+            of both hands. The released file lacks the mirroring, and DexYCB is labelled with the released
+            file (dex-ycb-toolkit issue 28).
+        dtype: Precision of the arrays; the file has double precision.
 
     Raises:
-        FileNotFoundError: MANO is not there.
-        ValueError: The file is not of this project, or of the other hand.
+        FileNotFoundError: There is no MANO file.
+        ValueError: The file is in another format, or holds the other hand.
     """
     return asset_of(with_left_shape(read_mano(path, side), path, fix_left_shape), dtype)
 
 
 def with_left_shape(file: ManoFile, path: Path | str, fixed: bool) -> ManoFile:
-    """The same hand with the shape directions of the release, or with mended ones.
+    """Select a left hand's released or corrected (mirrored) shape directions.
 
     Args:
-        file: Right hands come back as they are.
-        path: Where the file is from. Its folder's right hand tells what the file's directions are, if
-            that was not known yet; without one they are taken for the release's.
-        fixed: Whether they shall be mended.
+        file: Hand that was read; right hands are returned unchanged.
+        path: Path that the file was read from. If the state of the file's directions is unknown, the right
+            hand in the same folder decides it; without a right hand they count as released.
+        fixed: True for corrected directions, False for released ones.
     """
     if file.side == "right":
         return file
@@ -133,7 +134,7 @@ def with_left_shape(file: ManoFile, path: Path | str, fixed: bool) -> ManoFile:
 
 
 def asset_of(file: ManoFile, dtype: torch.dtype = torch.float32) -> HandAsset:
-    """A hand of MANO in the form that all hands have."""
+    """Convert a MANO file to a `HandAsset`, with axes, rest angles and landmark sets."""
     arrays = file.arrays
     joints = arrays.joint_regressor @ arrays.template
     tips = arrays.template[list(TIP_VERTICES["freihand"])]
@@ -162,7 +163,7 @@ def asset_of(file: ManoFile, dtype: torch.dtype = torch.float32) -> HandAsset:
 
 
 def tip_vertices(landmarks: str, side: Side) -> tuple[int, ...]:
-    """The fingertips' vertices in a landmark set, thumb first."""
+    """Fingertip vertices of a landmark set, thumb first."""
     tips = TIP_VERTICES[ALIASES.get(landmarks, landmarks)]
     if landmarks == "dexycb" and side == "left":
         return (*tips[:2], DEXYCB_LEFT_MIDDLE_TIP, *tips[3:])
@@ -188,10 +189,10 @@ def _landmarks(
 def _axes(
     joints: Float[np.ndarray, "joint=16 3"], tips: Float[np.ndarray, "finger=5 3"], side: Side
 ) -> tuple[Float[np.ndarray, "joint=15 3 3"], Float[np.ndarray, "joint=15 axis=3"]]:
-    """Axes and rest angles; a left hand's are those of its mirror image, with mirrored axes.
+    """Axes and rest angles; a left hand's are computed on its mirror image and mirrored back.
 
-    A mirrored frame is left-handed; turning its bend axis round makes it right-handed again. Then bend
-    means the same on both hands, and splay and twist change their sign.
+    A mirrored frame is left-handed; reversing its bend axis makes it right-handed again. Bend then has the
+    same sign on both hands, and splay and twist have opposite signs.
     """
     by_joints = tips[[FINGERS.index(finger) for finger in ORDER]]
     if side == "right":

@@ -1,7 +1,8 @@
-"""What the MANO labels of FreiHAND, DexYCB and HO3D mean: each dataset's own rules, in one place.
+"""Conversion of the MANO labels of FreiHAND, DexYCB and HO3D to `ManoParameters`.
 
-They differ in whether the mean pose is in the pose, in how the pose is written, in what places the hand
-and in the camera's axes. Sources: lmb-freiburg/freihand, NVlabs/dex-ycb-toolkit, shreyashampali/ho3d.
+The datasets differ in whether the pose includes the mean pose, in the pose's representation, in how the
+hand's position is stored and in the camera's axes. Sources: lmb-freiburg/freihand, NVlabs/dex-ycb-toolkit,
+shreyashampali/ho3d.
 """
 
 import torch
@@ -18,10 +19,10 @@ def freihand_parameters(
     label: Float[Tensor, "*batch number=61"],
     intrinsics: Float[Tensor, "*batch 3 3"],
 ) -> ManoParameters:
-    """An entry of FreiHAND's `training_mano.json`.
+    """Convert entries of FreiHAND's `training_mano.json`.
 
     Args:
-        layer: The right hand with the landmark set `mano`.
+        layer: Right hand with the landmark set `mano`.
         label: Global rotation 3, axis angles relative to the mean pose 45, shape 10, pixel of the
             middle MCP's landmark 2, scale 1.
         intrinsics: Camera matrix of the same image, pixels.
@@ -29,8 +30,9 @@ def freihand_parameters(
     rotation, residual, shape, pixel, scale = label.split((3, 45, 10, 2, 1), dim=-1)
     pose = layer.from_residual(residual)
     root = freihand_root(pixel, scale[..., 0], intrinsics)
-    unplaced = layer(rotation, pose, shape, torch.zeros_like(root))
-    return ManoParameters(rotation, pose, shape, root - unplaced.landmarks[..., ROOT_LANDMARK, :])
+    untranslated = layer(rotation, pose, shape, torch.zeros_like(root))
+    translation = root - untranslated.landmarks[..., ROOT_LANDMARK, :]
+    return ManoParameters(rotation, pose, shape, translation)
 
 
 def freihand_root(
@@ -38,10 +40,10 @@ def freihand_root(
     scale: Float[Tensor, "*batch"],
     intrinsics: Float[Tensor, "*batch 3 3"],
 ) -> Float[Tensor, "*batch 3"]:
-    """Where FreiHAND puts the middle MCP: (u − cx, v − cy, f) / scale, with one focal length for both axes.
+    """Middle MCP of FreiHAND's labels, metres: (u − cx, v − cy, f) / scale, with the mean focal length f.
 
     Args:
-        pixel: Of the middle MCP's landmark.
+        pixel: Pixel of the middle MCP's landmark.
         scale: Pixels per metre at its depth.
         intrinsics: Camera matrix, pixels.
     """
@@ -55,12 +57,12 @@ def dexycb_parameters(
     label: Float[Tensor, "*batch number=51"],
     shape: Float[Tensor, "*batch direction=10"],
 ) -> ManoParameters:
-    """The `pose_m` of a DexYCB label and the `betas` of its sequence's calibration.
+    """Convert `pose_m` of DexYCB labels and `betas` of the sequence's calibration.
 
     Args:
-        layer: Of the sequence's side, with the landmark set `dexycb`, loaded with `fix_left_shape=False`.
-        label: Global rotation 3, coefficients of the pose components about the mean 45, translation 3.
-        shape: Standard deviations.
+        layer: Hand of the sequence's side, with the landmark set `dexycb` and `fix_left_shape=False`.
+        label: Global rotation 3, coefficients of the pose components about the mean pose 45, translation 3.
+        shape: Coefficients of the shape directions, standard deviations.
     """
     rotation, coefficients, translation = label.split((3, 45, 3), dim=-1)
     return ManoParameters(rotation, layer.from_pca(coefficients), shape, translation)
@@ -72,12 +74,12 @@ def ho3d_parameters(
     shape: Float[Tensor, "*batch direction=10"],
     translation: Float[Tensor, "*batch 3"],
 ) -> ManoParameters:
-    """The `handPose`, `handBeta` and `handTrans` of HO3D, turned into this project's camera axes.
+    """Convert `handPose`, `handBeta` and `handTrans` of HO3D, from OpenGL's camera axes to OpenCV's.
 
     Args:
-        layer: The right hand, for the landmark set `ho3d`.
-        pose: Global rotation 3, absolute axis angles 45; the mean pose is in them.
-        shape: Standard deviations.
+        layer: Right hand with the landmark set `ho3d`.
+        pose: Global rotation 3, axis angles from the rest pose 45, mean pose included.
+        shape: Coefficients of the shape directions, standard deviations.
         translation: Metres, in OpenGL's axes: y up, looking along −z.
     """
     rotation, angles = pose.split((3, 45), dim=-1)
@@ -90,11 +92,11 @@ def from_opengl(
     translation: Float[Tensor, "*batch 3"],
     wrist: Float[Tensor, "*batch 3"],
 ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3"]]:
-    """Global rotation and translation of the hand that stands at F = diag(1, −1, −1) times its points.
+    """Convert MANO's global rotation and translation between OpenGL's and OpenCV's axes, in either direction.
 
-    R' = F R and t' = F (J0 + t) − J0, because MANO turns about its wrist J0 and not about its origin. The
-    same takes OpenCV's axes back to OpenGL's.
+    All points are multiplied by F = diag(1, −1, −1). MANO rotates about its wrist J0 and not about its
+    origin, so R' = F R and t' = F (J0 + t) − J0.
     """
     flip = torch.tensor([1.0, -1.0, -1.0], dtype=translation.dtype, device=translation.device)
-    turned = flip[:, None] * axis_angle_to_rotation(global_rotation)
-    return rotation_to_axis_angle(turned), flip * (wrist + translation) - wrist
+    flipped = flip[:, None] * axis_angle_to_rotation(global_rotation)
+    return rotation_to_axis_angle(flipped), flip * (wrist + translation) - wrist

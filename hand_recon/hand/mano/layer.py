@@ -1,7 +1,7 @@
-"""MANO in its own parameters, as datasets store them: axis angles from its rest pose, about its wrist.
+"""MANO's forward pass from its own parameters: axis angles from the rest pose, rotation about the wrist.
 
-It gives what the labels of FreiHAND, DexYCB and HO3D mean (`mano_labels.py`), for right and left hands, and
-says the same in this project's parameters. Its rotations, skinning and blend shapes are `HandModel`'s.
+It decodes the labels of FreiHAND, DexYCB and HO3D (`labels.py`), for right and left hands, and converts them
+to `HandParameters`. Kinematics, skinning and blend shapes are those of `HandModel`.
 """
 
 from pathlib import Path
@@ -15,26 +15,26 @@ from hand_recon.hand.anatomical_frame import joint_angles_of
 from hand_recon.hand.axis_angle import axis_angle_to_rotation
 from hand_recon.hand.mano.hand import asset_of, with_left_shape
 from hand_recon.hand.mano.store import ManoFile, Side, read_mano
-from hand_recon.hand.model import HandModel, moved
+from hand_recon.hand.model import HandModel, transform
 from hand_recon.hand.skeleton import ROOT_JOINT
 from hand_recon.schema import HandGeometry, HandParameters
 
 
 class ManoParameters(NamedTuple):
-    """A placed hand in MANO's own terms: `layer(*parameters)` is the hand."""
+    """Arguments of `ManoLayer.forward`: MANO's own pose, shape and translation."""
 
     global_rotation: Float[Tensor, "*batch 3"]
     """Axis angle of the whole hand about its wrist, radians."""
     pose: Float[Tensor, "*batch angle=45"]
-    """Axis angle of each of the 15 joints from the rest pose, radians: the mean pose is in it."""
+    """Axis angle of each of the 15 joints from the rest pose, mean pose included, radians."""
     shape: Float[Tensor, "*batch direction=10"]
-    """Standard deviations."""
+    """Coefficients of the shape directions, standard deviations."""
     translation: Float[Tensor, "*batch 3"]
-    """Metres. Not the wrist's position: the wrist of the rest pose is not at MANO's origin."""
+    """MANO's translation, metres; not the wrist's position, since the wrist at rest is not at the origin."""
 
 
 class ManoLayer(nn.Module):
-    """One hand of MANO, right or left, for any batch shape and precision."""
+    """MANO's right or left hand in its own parameters, for any batch shape and precision."""
 
     hands_mean: Tensor
     hands_components: Tensor
@@ -42,15 +42,15 @@ class ManoLayer(nn.Module):
     def __init__(
         self, file: ManoFile, landmarks: str = "mano", dtype: torch.dtype = torch.float32
     ) -> None:
-        """Build the layer from a hand that was read; `load` reads one.
+        """Build the layer from the contents of a file; `load` reads one.
 
         Args:
-            file: The hand. Its shape directions are used as they are.
-            landmarks: `mano` (which is `freihand`), `dexycb`, `ho3d` or `smplx`.
+            file: The hand. Its shape directions are used unchanged.
+            landmarks: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
             dtype: Precision of the arrays.
 
         Raises:
-            ValueError: There is no such landmark set.
+            ValueError: The landmark set is unknown.
         """
         super().__init__()
         self.side = file.side
@@ -69,9 +69,9 @@ class ManoLayer(nn.Module):
         *,
         dtype: torch.dtype = torch.float32,
     ) -> "ManoLayer":
-        """Read a hand; `hand_recon.hand.mano.hand.load_mano` explains the arguments and errors.
+        """Read a file and build the layer; arguments and errors are those of `load_mano`.
 
-        DexYCB's left hands are labelled with `fix_left_shape=False`.
+        DexYCB's left hands need `fix_left_shape=False`.
         """
         file = with_left_shape(read_mano(path, side), path, fix_left_shape)
         return cls(file, landmarks, dtype)
@@ -79,17 +79,17 @@ class ManoLayer(nn.Module):
     def from_pca(
         self, coefficients: Float[Tensor, "*batch component=45"]
     ) -> Float[Tensor, "*batch angle=45"]:
-        """Absolute axis angles from coefficients of the pose components about the mean (DexYCB)."""
+        """Convert coefficients of the pose components about the mean pose to axis angles (DexYCB)."""
         return self.from_residual(coefficients @ self.hands_components)
 
     def from_residual(
         self, axis_angles: Float[Tensor, "*batch angle=45"]
     ) -> Float[Tensor, "*batch angle=45"]:
-        """Absolute axis angles from axis angles relative to the mean pose (FreiHAND)."""
+        """Convert axis angles relative to the mean pose to axis angles from the rest pose (FreiHAND)."""
         return self.hands_mean + axis_angles
 
     def wrist(self, shape: Float[Tensor, "*batch direction=10"]) -> Float[Tensor, "*batch 3"]:
-        """MANO's wrist at rest in the file's frame, metres: what the whole hand turns about."""
+        """Wrist at rest in the file's frame, the centre of the global rotation, metres."""
         return self._at_rest(shape, 0)
 
     def forward(
@@ -99,10 +99,10 @@ class ManoLayer(nn.Module):
         shape: Float[Tensor, "*batch direction=10"],
         translation: Float[Tensor, "*batch 3"],
     ) -> HandGeometry:
-        """The hand in the frame of its parameters; `ManoParameters` says what they are."""
+        """Pose the hand in the frame of its parameters; the arguments are `ManoParameters`."""
         own = self.hand.pose(_rotations(pose), shape)
         origin = self._origin(global_rotation, shape, translation)
-        return moved(own, axis_angle_to_rotation(global_rotation), origin)
+        return transform(own, axis_angle_to_rotation(global_rotation), origin)
 
     def hand_parameters(
         self,
@@ -111,14 +111,14 @@ class ManoLayer(nn.Module):
         shape: Float[Tensor, "*batch direction=10"],
         translation: Float[Tensor, "*batch 3"],
     ) -> HandParameters:
-        """The same right hand in this project's parameters: what `HandModel.to_camera` takes.
+        """Convert MANO's parameters of a right hand to those of `HandModel.to_camera`.
 
         Raises:
-            ValueError: This is a left hand, which this project mirrors before it gives it parameters.
+            ValueError: The layer is a left hand; `HandParameters` describe right hands only.
         """
         if self.side != "right":
             raise ValueError(
-                "Parameters are those of right hands; this layer is MANO's left hand. Mirror the axis "
+                "Hand parameters describe right hands; this layer is MANO's left hand. Mirror the axis "
                 "angles (`mirror_axis_angle`) and use the right layer, or mirror the points."
             )
         return HandParameters(
@@ -134,16 +134,16 @@ class ManoLayer(nn.Module):
         shape: Float[Tensor, "*batch direction=10"],
         translation: Float[Tensor, "*batch 3"],
     ) -> Float[Tensor, "*batch 3"]:
-        """Where the origin of the hand's own frame, the middle MCP, comes to be."""
+        """Position of the middle MCP, the origin of the hand's frame, in the posed hand, metres."""
         wrist = self._at_rest(shape, 0)
         bone = self._at_rest(shape, ROOT_JOINT) - wrist
-        turned = (axis_angle_to_rotation(global_rotation) @ bone[..., None])[..., 0]
-        return turned + wrist + translation
+        rotated = (axis_angle_to_rotation(global_rotation) @ bone[..., None])[..., 0]
+        return rotated + wrist + translation
 
     def _at_rest(
         self, shape: Float[Tensor, "*batch direction=10"], joint: int
     ) -> Float[Tensor, "*batch 3"]:
-        """A rotation centre at rest in the file's frame."""
+        """Rotation centre of a joint at rest in the file's frame, metres."""
         directions = self.hand.joint_shape_directions[joint]
         return self.hand.joints_template[joint] + torch.einsum("xs,...s->...x", directions, shape)
 

@@ -1,7 +1,7 @@
-"""MANO as this project keeps it: one safetensors file per hand, which holds numbers and no code.
+"""Reading and writing of converted MANO files: one safetensors file per hand, numbers only, no code.
 
-The user's own MANO (Romero et al., SIGGRAPH Asia 2017) goes in by `mano_conversion.py` and out by
-`mano.py`; its licence lets nobody pass the numbers on, so they are in no repository and no checkpoint.
+`conversion.py` writes the files from the user's own MANO (Romero et al., SIGGRAPH Asia 2017), and `hand.py`
+reads them. MANO's licence forbids redistribution, so its numbers are in no repository and no checkpoint.
 """
 
 from dataclasses import dataclass, fields
@@ -16,66 +16,66 @@ from safetensors.numpy import save_file
 Side = Literal["right", "left"]
 
 LeftShape = Literal["released", "corrected", "unknown"]
-"""Whether a left hand's shape directions are MANO's own, which forgot the mirror, or mended ones."""
+"""State of a left hand's shape directions: as released (not mirrored), corrected (mirrored), or unknown."""
 
 FORMAT: Final = "hand_recon MANO 1"
-"""Goes up when the arrays of the file change."""
+"""File format; its number increases when the arrays in the file change."""
 
 
 @dataclass(frozen=True)
 class ManoArrays:
-    """MANO's numbers as its file has them, in its order of joints and vertices and in its frame."""
+    """Arrays of one MANO hand, in MANO's order of joints and vertices and in its frame."""
 
     template: Float[np.ndarray, "vertex=778 3"]
     """Mean surface at rest, metres."""
     shape_directions: Float[np.ndarray, "vertex=778 3 direction=10"]
-    """Displacement of the surface per standard deviation, metres; the left hand's as in the file."""
+    """Displacement of the surface per standard deviation, metres; a left hand's as in its file."""
     pose_directions: Float[np.ndarray, "vertex=778 3 rotation=135"]
     """Displacement of the surface per entry of R − I, metres."""
     joint_regressor: Float[np.ndarray, "joint=16 vertex=778"]
-    """Rotation centres from the surface at rest."""
+    """Weights that give the rotation centres from the surface at rest."""
     skinning_weights: Float[np.ndarray, "vertex=778 joint=16"]
-    """Rows sum to one."""
+    """Weight of each joint's motion at each vertex; rows sum to one."""
     faces: Int[np.ndarray, "face=1538 3"]
-    """Counter-clockwise from outside, open at the wrist."""
+    """Triangles, counter-clockwise from outside, open at the wrist."""
     wrist_ring: Int[np.ndarray, " ring=16"]
-    """The open boundary in the order in which a cap's triangles traverse it."""
+    """Vertices of the open boundary, in the order in which the triangles of a cap go round it."""
     hands_mean: Float[np.ndarray, " angle=45"]
-    """The mean pose, axis angles, radians."""
+    """Mean pose, axis angles, radians."""
     hands_components: Float[np.ndarray, "component=45 angle=45"]
-    """Directions of pose about the mean, one per row, radians."""
+    """Pose components about the mean pose, one per row, radians."""
 
 
 @dataclass(frozen=True)
 class ManoFile:
-    """One hand of MANO and where it came from."""
+    """One MANO hand and its origin."""
 
     arrays: ManoArrays
-    """The numbers."""
+    """Arrays of the hand."""
     side: Side
-    """Which hand."""
+    """Right or left."""
     source_sha256: str
-    """Of the pickle that it was made from."""
+    """SHA-256 of the pickle that was converted."""
     left_shape: LeftShape
-    """Of a left hand; `released` for right hands, which need no mending."""
+    """State of a left hand's shape directions; `released` for right hands, which need no correction."""
 
 
 def file_name(side: Side) -> str:
-    """What a hand's file is called in its folder."""
+    """File name of a hand."""
     return f"MANO_{side.upper()}.safetensors"
 
 
 def write_mano(file: ManoFile, path: Path) -> None:
-    """Write a hand; a file of the same numbers is left as it is.
+    """Write a hand; an existing file with the same arrays is left unchanged.
 
     Raises:
-        FileExistsError: There is a file of other numbers.
+        FileExistsError: The file exists with other arrays.
     """
     if path.exists():
         if _same(read_file(path).arrays, file.arrays):
             return
         raise FileExistsError(
-            f"{path} holds another hand than the one to be written. Nothing was changed: move it "
+            f"{path} holds another hand than the one to write. Nothing was changed: move that file "
             "away, or choose another folder."
         )
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def write_mano(file: ManoFile, path: Path) -> None:
         "source_sha256": file.source_sha256,
         "left_shape_directions": file.left_shape,
     }
-    # Written under another name and renamed: a run that is killed leaves no half file.
+    # Writing to another name and renaming leaves no incomplete file if the process is killed.
     partial = path.with_name(f"{path.name}.partial")
     save_file(arrays, partial, metadata=metadata)
     partial.rename(path)
@@ -96,12 +96,12 @@ def read_mano(path: Path | str, side: Side = "right") -> ManoFile:
     """Read one hand.
 
     Args:
-        path: A folder with `MANO_RIGHT.safetensors` or `MANO_LEFT.safetensors`, or such a file.
-        side: Which hand is wanted.
+        path: Folder with `MANO_RIGHT.safetensors` or `MANO_LEFT.safetensors`, or such a file.
+        side: Side to read.
 
     Raises:
-        FileNotFoundError: It is not there.
-        ValueError: The file is none of this project's, or of the other hand.
+        FileNotFoundError: There is no such file.
+        ValueError: The file is in another format, or holds the other hand.
     """
     path = Path(path).expanduser()
     found = path / file_name(side) if path.is_dir() or not path.suffix else path
@@ -109,22 +109,22 @@ def read_mano(path: Path | str, side: Side = "right") -> ManoFile:
         raise FileNotFoundError(_missing(found, side))
     file = read_file(found)
     if file.side != side:
-        raise ValueError(f"{found} is MANO's {file.side} hand; wanted was the {side} one.")
+        raise ValueError(f"{found} is MANO's {file.side} hand; expected the {side} one.")
     return file
 
 
 def read_file(path: Path) -> ManoFile:
-    """Read a file that `write_mano` wrote.
+    """Read a file written by `write_mano`.
 
     Raises:
-        ValueError: It is another kind of file.
+        ValueError: The file is in another format.
     """
     try:
         with safe_open(path, framework="numpy") as stored:
             metadata = stored.metadata() or {}
             found = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except SafetensorError as error:
-        metadata, found = {"format": f"none that safetensors can read ({error})"}, {}
+        metadata, found = {"format": f"unreadable by safetensors ({error})"}, {}
     if metadata.get("format") != FORMAT or found.keys() != {f.name for f in fields(ManoArrays)}:
         raise ValueError(
             f"{path} is of the format {metadata.get('format')!r}, expected {FORMAT!r}. Make the file "
@@ -139,10 +139,11 @@ def read_file(path: Path) -> ManoFile:
 
 
 def left_shape_of(left: ManoArrays, right: ManoArrays | None) -> LeftShape:
-    """Whether the shape directions of a left hand mirror the right one's.
+    """Compare a left hand's shape directions with the right hand's: released, corrected or unknown.
 
-    In the files of the release they point the same way in x, so the same shape is another hand on the
-    left (vchoutas/smplx issue 48). Only beside the right hand can this be told.
+    The released left hand's directions have the same x components as the right hand's instead of mirrored
+    ones, so equal coefficients give different shapes (vchoutas/smplx issue 48). Without the right hand the
+    state is unknown.
     """
     if right is None:
         return "unknown"
@@ -164,8 +165,8 @@ def _wanted() -> str:
 
 def _missing(path: Path, side: Side) -> str:
     return (
-        f"No MANO hand at {path.absolute()}. MANO is licensed to each user by its makers: get "
+        f"No MANO hand at {path.absolute()}. Each user needs MANO's licence: get "
         f"{_wanted()} from mano.is.tue.mpg.de and run `python -m hand_recon.prepare mano <that file>`. "
-        f"It reads the {side} hand without running anything in the file, checks it, and writes {path.name}. "
-        "HAND_RECON_MANO or hand.path names another folder. hand=open needs no licence."
+        f"It reads the {side} hand without running any code in the file, checks it, and writes {path.name}. "
+        "Set HAND_RECON_MANO or hand.path for another folder, or use hand=open, which needs no licence."
     )
