@@ -19,7 +19,7 @@ class ImageRecipe:
     """How a dataset's crops are cut out and read."""
 
     crop: CropPolicy = field(default_factory=CropPolicy)
-    """Size and place of the crops."""
+    """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
     """Caches, and how many damaged images are too many."""
 
@@ -41,7 +41,7 @@ class Benchmark:
 class AnnotatedImages(Dataset[HandSample]):
     """Some rows of a table of annotated images. Left hands come mirrored, as right ones.
 
-    A image that cannot be read is skipped with a warning, and the next one takes its place.
+    An image that cannot be read is skipped with a warning, and the next one takes its place.
     """
 
     benchmark: Benchmark | None = None

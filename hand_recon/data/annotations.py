@@ -28,7 +28,7 @@ Surfaces = Callable[[int], "np.ndarray | None"]
 
 @dataclass(frozen=True)
 class AnnotatedHands:
-    """One row per hand in a image. Pixels are those of the whole image; what is unknown is NaN.
+    """One row per hand in an image. Pixels are those of the whole image; what is unknown is NaN.
 
     Raises:
         ValueError: Columns differ in length.
@@ -41,7 +41,7 @@ class AnnotatedHands:
     images: ImageFiles
     """The image of each row; several hands may share one."""
     fingerprint: str
-    """Changes whenever a image or a label does."""
+    """Changes whenever an image or a label does."""
     landmarks_2d: Float[np.ndarray, "row landmark=21 2"]
     """Labels in FreiHAND's order; NaN where there is none."""
     left: Bool[np.ndarray, " row"] | None = None
@@ -59,7 +59,7 @@ class AnnotatedHands:
     label_noise: Float[np.ndarray, "row landmark=21"] | None = None
     """Standard deviation of each label, pixels of the image."""
     masks: ImageFiles | None = None
-    """Where each hand is white in a image of the same size."""
+    """Where each hand is white in an image of the same size."""
     surfaces: Surfaces | None = None
     """Ground truth surfaces, made or read when asked for."""
 

@@ -36,7 +36,7 @@ class Square:
 
 
 @dataclass(frozen=True)
-class Place:
+class HandRegion:
     """What a dataset knows of where a hand is in its image."""
 
     landmarks: Float[np.ndarray, "landmark 2"]
@@ -75,39 +75,39 @@ class CropPolicy:
                 "pixels of the image) shows nothing; all must be positive."
             )
 
-    def matrix(self, image_size: tuple[int, int], place: Place) -> Float[np.ndarray, "3 3"]:
+    def matrix(self, image_size: tuple[int, int], region: HandRegion) -> Float[np.ndarray, "3 3"]:
         """Image → crop, for one image.
 
         Args:
             image_size: Height and width, pixels.
-            place: Where the hand is.
+            region: Where the hand is.
 
         Raises:
             ValueError: The dataset does not know what the crop should be made around.
         """
-        return crop_matrix(self._square(image_size, place), self.size)
+        return crop_matrix(self._square(image_size, region), self.size)
 
-    def _square(self, image_size: tuple[int, int], place: Place) -> Square:
+    def _square(self, image_size: tuple[int, int], region: HandRegion) -> Square:
         height, width = image_size
         if self.around == "full":
             return whole_image(height, width)
         if self.around == "centre":
             return Square((width / 2, height / 2), self.centre_side)
         if self.around == "joints":
-            return around_landmarks(place.landmarks, self.expansion)
+            return around_landmarks(region.landmarks, self.expansion)
         if self.around == "box":
-            if place.box is None or not np.isfinite(place.box).all():
-                raise ValueError(_nothing_to_cut(place, "no box"))
-            left, top, right, bottom = place.box.tolist()
+            if region.box is None or not np.isfinite(region.box).all():
+                raise ValueError(_nothing_to_cut(region, "no box"))
+            left, top, right, bottom = region.box.tolist()
             return around_box((left, top, right, bottom), self.expansion)
-        if place.mask is None or not place.mask.any():
-            raise ValueError(_nothing_to_cut(place, "no mask, or an empty one"))
-        return around_box(mask_box(place.mask), self.expansion)
+        if region.mask is None or not region.mask.any():
+            raise ValueError(_nothing_to_cut(region, "no mask, or an empty one"))
+        return around_box(mask_box(region.mask), self.expansion)
 
 
-def _nothing_to_cut(place: Place, missing: str) -> str:
+def _nothing_to_cut(region: HandRegion, missing: str) -> str:
     return (
-        f"{place.name} has {missing} to cut a crop around. Choose another crop: data.crop.around=joints, or "
+        f"{region.name} has {missing} to cut a crop around. Choose another crop: data.crop.around=joints, or "
         "for FreiHAND's evaluation images data.test_crop.around=centre."
     )
 

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int, UInt8
 
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import MappedArray, digest, ensure_built
-from hand_recon.data.crop import CropPolicy, Place, crop_image, crop_mirror
+from hand_recon.data.crop import CropPolicy, HandRegion, crop_image, crop_mirror
 from hand_recon.data.images import CorruptImages, read_image
 from hand_recon.data.progress import with_progress
 
@@ -83,8 +83,8 @@ class CropReader:
         if policy.folder is not None and policy.decode_cache:
             # Sorted, so that no order of the rows makes another map.
             rows = np.unique(rows)
-            self.place_of_row = np.full(len(hands), -1)
-            self.place_of_row[rows] = np.arange(len(rows))
+            self.index_of_row = np.full(len(hands), -1)
+            self.index_of_row[rows] = np.arange(len(rows))
             self._map = self._open_map(policy.folder, rows, policy.workers)
 
     def read(self, row: int) -> Crop | None:
@@ -94,20 +94,20 @@ class CropReader:
             KeyError: The row was not among those that may be asked for.
             RuntimeError: It is one damaged image too many.
         """
-        crop = self._decode(row) if self._map is None else self._map.read(self._place_in_map(row))
+        crop = self._decode(row) if self._map is None else self._map.read(self._index_in_map(row))
         if crop is None:
             self.corrupt.add(str(self.hands.images[row]))
         return crop
 
-    def _place_in_map(self, row: int) -> int:
-        place = int(self.place_of_row[row]) if 0 <= row < len(self.place_of_row) else -1
-        if place < 0:
+    def _index_in_map(self, row: int) -> int:
+        index = int(self.index_of_row[row]) if 0 <= row < len(self.index_of_row) else -1
+        if index < 0:
             # No IndexError: a loop over a dataset would take it for the end.
             raise KeyError(
-                f"Row {row} of {self.hands.name} is not among the {(self.place_of_row >= 0).sum()} in its "
+                f"Row {row} of {self.hands.name} is not among the {(self.index_of_row >= 0).sum()} in its "
                 "map of crops; give every row that any split reads as cached_rows."
             )
-        return place
+        return index
 
     def _decode(self, row: int) -> Crop | None:
         hands = self.hands
@@ -115,18 +115,18 @@ class CropReader:
         if pixels is None:
             return None
         height, width = pixels.shape[:2]
-        matrix = self.crop.matrix((height, width), self._place(row))
+        matrix = self.crop.matrix((height, width), self._region(row))
         if hands.is_left(row):
             matrix = crop_mirror(self.crop.size) @ matrix
         crop = crop_image(pixels, matrix, self.crop.size)
         return Crop(pixels=np.ascontiguousarray(crop.transpose(2, 0, 1)), matrix=matrix)
 
-    def _place(self, row: int) -> Place:
+    def _region(self, row: int) -> HandRegion:
         hands = self.hands
         mask = None
         if hands.masks is not None and self.crop.around == "mask":
             mask = read_image(hands.masks[row])
-        return Place(
+        return HandRegion(
             landmarks=hands.landmarks_2d[row],
             box=None if hands.boxes is None else hands.boxes[row],
             mask=None if mask is None else mask[..., 0] > MASK_THRESHOLD,
@@ -166,18 +166,18 @@ class CropReader:
         crops = np.lib.format.open_memmap(folder / "crops.npy", "w+", np.uint8, shape)
         matrices = np.full((len(rows), 3, 3), np.nan)
 
-        def decode(place: int) -> bool:
-            crop = self._decode(int(rows[place]))
+        def decode(index: int) -> bool:
+            crop = self._decode(int(rows[index]))
             if crop is not None:
-                crops[place], matrices[place] = crop.pixels, crop.matrix
+                crops[index], matrices[index] = crop.pixels, crop.matrix
             return crop is not None
 
         # OpenCV decodes outside the interpreter's lock, so threads are enough.
         with ThreadPoolExecutor(max(1, workers)) as pool:
-            places = pool.map(decode, range(len(rows)))
-            for place, readable in enumerate(with_progress(places, len(rows), "Decoding")):
+            results = pool.map(decode, range(len(rows)))
+            for index, readable in enumerate(with_progress(results, len(rows), "Decoding")):
                 if not readable:
-                    self.corrupt.add(str(self.hands.images[int(rows[place])]))
+                    self.corrupt.add(str(self.hands.images[int(rows[index])]))
         crops.flush()
         np.save(folder / "matrices.npy", matrices)
         manifest = {

@@ -158,8 +158,8 @@ class HandDataModule(lightning.LightningDataModule):
         if self.augmentation is None or trainer is None or not trainer.training:
             return to_float(batch)
         # The draws depend on the step, not on the past: a resumed run sees the same images.
-        place = (self.seed, trainer.global_rank, trainer.fit_loop.total_batch_idx)
-        generator = torch.Generator().manual_seed(zlib.crc32(repr(place).encode()))
+        key = (self.seed, trainer.global_rank, trainer.fit_loop.total_batch_idx)
+        generator = torch.Generator().manual_seed(zlib.crc32(repr(key).encode()))
         return self.augmentation(batch, generator)
 
     def train_ground_truth(
@@ -240,16 +240,16 @@ class _Batches:
         return self.dataset.batch(indices)
 
 
-def load_batch(dataset: HandDataset, places: list[int]) -> HandBatch:
+def load_batch(dataset: HandDataset, indices: list[int]) -> HandBatch:
     """Some samples of a dataset, stacked.
 
     Args:
         dataset: Any.
-        places: Positions in it.
+        indices: Positions in it.
     """
     if isinstance(dataset, BatchedDataset):
-        return dataset.batch(places)
-    return collate([dataset[place] for place in places])
+        return dataset.batch(indices)
+    return collate([dataset[index] for index in indices])
 
 
 def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:
@@ -270,8 +270,8 @@ class EpochSampler(Sampler[int]):
 
     def generator(self) -> torch.Generator:
         """The source of this epoch's draws."""
-        place = repr((self.seed, self.epoch)).encode()
-        return torch.Generator().manual_seed(zlib.crc32(place))
+        key = repr((self.seed, self.epoch)).encode()
+        return torch.Generator().manual_seed(zlib.crc32(key))
 
 
 class SeededShuffle(EpochSampler):

@@ -22,7 +22,7 @@ class ImageDataModule(HandDataModule):
 
     def __init__(
         self,
-        *place: Path | str | None,
+        *location: Path | str | None,
         crop: CropPolicy | None = None,
         reading: ReadingPolicy | None = None,
         landmarks: str | None = None,
@@ -35,8 +35,8 @@ class ImageDataModule(HandDataModule):
         """Remember what to read.
 
         Args:
-            *place: The recipe's first fields: where the files are.
-            crop: Size and place of the crops.
+            *location: The recipe's first fields: where the files are.
+            crop: Size and position of the crops.
             reading: Caches, and how many damaged images are too many.
             landmarks: The hand's landmark set that the labels follow; none for the dataset's own.
             batch_size: Hands per batch and process.
@@ -48,7 +48,7 @@ class ImageDataModule(HandDataModule):
         self.landmarks = landmarks or type(self).landmarks
         crop = crop or self.default_crop
         self.recipe = self.recipe_type(
-            *place, crop=crop, reading=reading or ReadingPolicy(), **recipe
+            *location, crop=crop, reading=reading or ReadingPolicy(), **recipe
         )
         super().__init__(
             partial(self._split, "train"),

@@ -40,7 +40,7 @@ class MixedHands:
         """
         self.parts = dict(parts)
         self.sizes = [len(part) for part in self.parts.values()]
-        self.starts = [sum(self.sizes[:place]) for place in range(len(self.sizes))]
+        self.starts = [sum(self.sizes[:number]) for number in range(len(self.sizes))]
         self.has_3d = any(part[0].landmarks_3d is not None for part in self.parts.values())
 
     def __len__(self) -> int:
@@ -54,8 +54,8 @@ class MixedHands:
         """
         if not 0 <= index < len(self):
             raise IndexError(f"Sample {index} of {len(self)}.")
-        place = max(place for place, start in enumerate(self.starts) if start <= index)
-        name, start = list(self.parts)[place], self.starts[place]
+        number = max(number for number, start in enumerate(self.starts) if start <= index)
+        name, start = list(self.parts)[number], self.starts[number]
         sample = self.parts[name][index - start]
         # The image that was asked for may be damaged: another one's number is that one's.
         sample = replace(
@@ -68,7 +68,7 @@ class MixedHands:
 
     def _completed(self, sample: HandSample) -> HandSample:
         if sample.intrinsics is None:
-            # Without a image, a crop is of the reference size.
+            # Without an image, a crop is of the reference size.
             size = sample.image.shape[-1]
             if size:
                 camera = default_intrinsics(size, sample.landmarks_2d)
@@ -117,9 +117,9 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
     """
     exact = [weight * total / sum(weights) for weight in weights]
     counts = [int(value) for value in exact]
-    by_remainder = sorted(range(len(exact)), key=lambda place: counts[place] - exact[place])
-    for place in by_remainder[: total - sum(counts)]:
-        counts[place] += 1
+    by_remainder = sorted(range(len(exact)), key=lambda number: counts[number] - exact[number])
+    for number in by_remainder[: total - sum(counts)]:
+        counts[number] += 1
     return counts
 
 

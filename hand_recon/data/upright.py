@@ -33,9 +33,9 @@ def upright_motion(
         labelled: Which landmarks there are.
         crop_size: Side of the crop, pixels; the new one is as large.
     """
-    place = landmarks_2d.masked_fill(~labelled[..., None], 0.0)
-    roll = _camera_roll(_direction_up(place, labelled))
-    turned = place @ roll[:, :2, :2].mT
+    points = landmarks_2d.masked_fill(~labelled[..., None], 0.0)
+    roll = _camera_roll(_direction_up(points, labelled))
+    turned = points @ roll[:, :2, :2].mT
     missing = ~labelled[..., None]
     high = turned.masked_fill(missing, -torch.inf).amax(dim=1)
     low = turned.masked_fill(missing, torch.inf).amin(dim=1)
@@ -44,26 +44,26 @@ def upright_motion(
     # One landmark alone has no size; a pixel keeps the scale finite.
     extent = (high - low).amax(dim=1).masked_fill(none[:, 0], FILL * crop_size).clamp(min=1.0)
     scale = FILL * crop_size / extent
-    pixels = torch.eye(3, dtype=place.dtype, device=place.device).repeat(len(place), 1, 1)
+    pixels = torch.eye(3, dtype=points.dtype, device=points.device).repeat(len(points), 1, 1)
     pixels[:, :2, :2] = scale[:, None, None] * roll[:, :2, :2]
     pixels[:, :2, 2] = crop_size / 2 - scale[:, None] * middle
     return CropMotion(pixels=pixels, camera=roll, scale=scale)
 
 
-def _direction_up(place: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
+def _direction_up(points: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
     """Where the fingers point, in pixels; upwards (0, −1) where nobody can tell."""
-    up = place.new_tensor([0.0, -1.0]).expand(len(place), 2)
+    up = points.new_tensor([0.0, -1.0]).expand(len(points), 2)
     for start, end in ((_KNUCKLES, _BEYOND), (_WRIST, _KNUCKLES)):
         known = labelled[:, start].any(dim=1) & labelled[:, end].any(dim=1)
-        ahead = _mean(place, labelled, end) - _mean(place, labelled, start)
+        ahead = _mean(points, labelled, end) - _mean(points, labelled, start)
         known = known & (ahead.norm(dim=-1) > 0)
         up = torch.where(known[:, None], ahead, up)
     return torch.nn.functional.normalize(up, dim=-1)
 
 
-def _mean(place: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
+def _mean(points: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
     count = labelled[:, which].sum(dim=1, keepdim=True).clamp(min=1)
-    return place[:, which].sum(dim=1) / count
+    return points[:, which].sum(dim=1) / count
 
 
 def _camera_roll(up: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 3 3"]:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hand_recon.data.crop import (
     CropPolicy,
-    Place,
+    HandRegion,
     Square,
     around_box,
     around_landmarks,
@@ -95,7 +95,9 @@ def test_outside_the_image_is_black() -> None:
 
 def test_a_wide_image_is_padded_above_and_below() -> None:
     image = np.full((40, 80, 3), 200, dtype=np.uint8)
-    crop = crop_image(image, CropPolicy(size=80).matrix((40, 80), Place(np.zeros((21, 2)))), 80)
+    crop = crop_image(
+        image, CropPolicy(size=80).matrix((40, 80), HandRegion(np.zeros((21, 2)))), 80
+    )
     assert crop[:19].max() == 0
     assert crop[21:59].min() == 200
     assert crop[61:].max() == 0
@@ -129,16 +131,16 @@ def test_a_box_and_a_mask_are_what_a_crop_is_made_around() -> None:
     # A speck of noise, as JPEG masks have them, does not widen the box.
     mask[55, 95] = True
     assert mask_box(mask) == (20.0, 10.0, 60.0, 30.0)
-    place = Place(np.full((21, 2), np.nan), np.array([20.0, 10.0, 60.0, 30.0]), mask)
+    region = HandRegion(np.full((21, 2), np.nan), np.array([20.0, 10.0, 60.0, 30.0]), mask)
     expected = crop_matrix(Square((40.0, 20.0), 60.0), 50)
     for around in ("box", "mask"):
-        found = CropPolicy(50, around, expansion=1.5).matrix((60, 100), place)
+        found = CropPolicy(50, around, expansion=1.5).matrix((60, 100), region)
         np.testing.assert_allclose(found, expected)
 
 
 def test_a_crop_of_the_middle_has_the_side_asked_for() -> None:
     matrix = CropPolicy(65, "centre", centre_side=130.0).matrix(
-        (224, 224), Place(np.zeros((21, 2)))
+        (224, 224), HandRegion(np.zeros((21, 2)))
     )
     corners = crop_points(np.array([[47.0, 47.0], [177.0, 177.0]]), matrix)
     np.testing.assert_allclose(corners, [[0, 0], [65, 65]])
@@ -146,9 +148,11 @@ def test_a_crop_of_the_middle_has_the_side_asked_for() -> None:
 
 @pytest.mark.parametrize("around", ["box", "mask"])
 def test_what_a_dataset_does_not_know_cannot_be_cropped_around(around: str) -> None:
-    place = Place(np.zeros((21, 2)), np.full(4, np.nan), np.zeros((4, 4), dtype=bool), "a.jpg")
+    region = HandRegion(
+        np.zeros((21, 2)), np.full(4, np.nan), np.zeros((4, 4), dtype=bool), "a.jpg"
+    )
     with pytest.raises(ValueError, match=rf"a.jpg has .*{around}.*data.crop.around=joints"):
-        CropPolicy(64, around).matrix((4, 4), place)
+        CropPolicy(64, around).matrix((4, 4), region)
 
 
 def test_a_mirrored_crop_mirrored_again_is_the_crop() -> None:

@@ -30,7 +30,7 @@ def test_images_are_read_as_red_green_blue(tmp_path: Path) -> None:
     assert image[4, 4].tolist() == [200, 20, 10]
 
 
-@pytest.mark.parametrize("content", [b"", b"not a image", b"\xff\xd8\xff\xda cut off"])
+@pytest.mark.parametrize("content", [b"", b"not an image", b"\xff\xd8\xff\xda cut off"])
 def test_what_is_no_image_is_none(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.jpg").write_bytes(content)
     assert read_image(tmp_path / "bad.jpg") is None

@@ -155,7 +155,7 @@ def test_labels_are_read_once_and_anew_when_one_is_rewritten(
         DexYcb("test", recipe(root, reading=reading))
 
 
-def test_a_image_that_is_mended_in_place_is_decoded_and_labels_are_not_read_again(
+def test_an_image_that_is_mended_in_place_is_decoded_and_labels_are_not_read_again(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading = ReadingPolicy(tmp_path / "cache")

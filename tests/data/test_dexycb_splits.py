@@ -34,12 +34,12 @@ SIZES = {
 """With one frame in every sequence: subjects × sequences × cameras, by hand."""
 
 
-def grasp(subject: int, place: int, frames: int) -> Grasp:
-    return Grasp(subject, place, Path(SUBJECTS[subject]) / f"{place}", frames, False, "none")
+def grasp(subject: int, index: int, frames: int) -> Grasp:
+    return Grasp(subject, index, Path(SUBJECTS[subject]) / f"{index}", frames, False, "none")
 
 
 def of_subjects(subjects: tuple[int, ...], frames: Callable[[int, int], int]) -> list[Grasp]:
-    return [grasp(s, place, frames(s, place)) for s in subjects for place in range(100)]
+    return [grasp(s, index, frames(s, index)) for s in subjects for index in range(100)]
 
 
 def slowly(
@@ -48,25 +48,25 @@ def slowly(
     """Subject, sequence, camera and frame of every id, one after the other."""
     subjects, belongs, cameras = RULES[key]
     return [
-        (subject, place, camera, frame)
+        (subject, index, camera, frame)
         for subject in subjects
-        for place in range(100)
-        if belongs(place)
+        for index in range(100)
+        if belongs(index)
         for camera in cameras
-        for frame in range(frames(subject, place))
+        for frame in range(frames(subject, index))
     ]
 
 
 @pytest.mark.parametrize("key", list(RULES))
 def test_each_part_has_the_members_and_the_order_of_the_toolkit(key: tuple[str, str]) -> None:
-    def frames(subject: int, place: int) -> int:
-        return (7 * subject + 3 * place) % 4
+    def frames(subject: int, index: int) -> int:
+        return (7 * subject + 3 * index) % 4
 
     split = split_named(*key)
     found = enumerate_frames(split, of_subjects(split.subjects, frames))
     grasps = [found.grasps[index] for index in found.grasp.tolist()]
     listed = zip(grasps, found.camera.tolist(), found.number.tolist(), strict=True)
-    assert [(g.subject, g.place, camera, frame) for g, camera, frame in listed] == slowly(
+    assert [(g.subject, g.index, camera, frame) for g, camera, frame in listed] == slowly(
         key, frames
     )
 
@@ -93,11 +93,11 @@ def test_the_parts_of_a_setup_share_no_image(setup: str) -> None:
 def write_metas(root: Path, count: int = 100) -> Path:
     """A subject's sequences without images or labels, the last one first."""
     folder = root / SUBJECTS[3]
-    for place in reversed(range(count)):
-        sequence = folder / f"20200903_{100000 + 7 * place}"
+    for index in reversed(range(count)):
+        sequence = folder / f"20200903_{100000 + 7 * index}"
         sequence.mkdir(parents=True)
-        meta = {"num_frames": 60 + place, "mano_sides": ["left" if place % 3 == 0 else "right"],
-                "mano_calib": [f"c{place}"], "serials": list(SERIALS)}  # fmt: skip
+        meta = {"num_frames": 60 + index, "mano_sides": ["left" if index % 3 == 0 else "right"],
+                "mano_calib": [f"c{index}"], "serials": list(SERIALS)}  # fmt: skip
         (sequence / "meta.yml").write_text(yaml.safe_dump(meta))
     return folder
 
@@ -108,13 +108,13 @@ def test_sequences_are_counted_in_sorted_order_and_strays_are_not(tmp_path: Path
     (folder / "00000000_000000").write_text("a file")
     (folder / "a_folder").mkdir()
     grasps = read_grasps(tmp_path, 3)
-    assert [grasp.place for grasp in grasps] == list(range(100))
-    assert [grasp.frames for grasp in grasps] == [60 + place for place in range(100)]
-    assert [grasp.left for grasp in grasps] == [place % 3 == 0 for place in range(100)]
+    assert [grasp.index for grasp in grasps] == list(range(100))
+    assert [grasp.frames for grasp in grasps] == [60 + index for index in range(100)]
+    assert [grasp.left for grasp in grasps] == [index % 3 == 0 for index in range(100)]
     # No label was opened for the size: there is none. 80 sequences of 60 + i frames, eight cameras.
-    places = [place for place in range(100) if place % 5 != 4]
+    sequences = [index for index in range(100) if index % 5 != 4]
     assert len(enumerate_frames(split_named("s0", "train"), grasps)) == 8 * sum(
-        60 + i for i in places
+        60 + i for i in sequences
     )
 
 

@@ -32,7 +32,7 @@ def folder(tmp_path: Path, mano: Path) -> Folder:
     folder = write_folder(tmp_path / "FreiHAND_pub_v2", hands=HANDS, versions=1)
     random = torch.Generator().manual_seed(0)
     label = torch.randn(HANDS, 61, generator=random) * 0.2
-    # The middle MCP near the middle of a image of 64 pixels, at 0.6 to 0.8 m for f = 205.
+    # The middle MCP near the middle of an image of 64 pixels, at 0.6 to 0.8 m for f = 205.
     label[:, 58:60] += 32
     label[:, 60] = 205 / (0.6 + 0.2 * torch.rand(HANDS, generator=random))
     layer = ManoLayer.load(mano, landmarks="mano")

@@ -1,4 +1,4 @@
-"""HInt: pairs of a image and a JSON file, hidden joints labelled, splits by the archive's folders."""
+"""HInt: pairs of an image and a JSON file, hidden joints labelled, splits by the archive's folders."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,7 @@ def test_the_archive_has_its_own_splits(tmp_path: Path) -> None:
     for folder, images in (("TRAIN_a_img", 4), ("TRAIN_b_img", 3), ("VAL_a_img", 2)):
         Dotted(tmp_path / folder, images).as_hint(str(archive / folder))
     assert [len(read_hint(archive, split)) for split in ("train", "val")] == [14, 4]
-    with pytest.raises(FileNotFoundError, match="No pair of a image and a JSON file of test"):
+    with pytest.raises(FileNotFoundError, match="No pair of an image and a JSON file of test"):
         read_hint(archive, "test")
     # Validation is the archive's, and what it has no folder for is held out of training.
     recipe = LandmarkRecipe(archive, val_fraction=0.15, crop=CropPolicy(16, "joints"))
@@ -45,7 +45,7 @@ def test_the_archive_has_its_own_splits(tmp_path: Path) -> None:
     assert splits.dataset("val")[0].source.startswith("VAL_a_img/")
 
 
-def test_both_hands_of_a_image_are_in_one_split_under_their_two_names(tmp_path: Path) -> None:
+def test_both_hands_of_an_image_are_in_one_split_under_their_two_names(tmp_path: Path) -> None:
     assert scene(Path("/a/b_l.jpg")) == scene(Path("/a/b_r.jpg")) == "/a/b"
     assert scene(Path("/a/b.jpg")) == "/a/b"
     folder = Dotted(tmp_path, images=8).as_hint()

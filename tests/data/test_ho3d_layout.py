@@ -41,7 +41,7 @@ def test_the_tree_is_ho3ds(root: Path) -> None:
             sequence, number = frame.split("/")
             assert (root / part / sequence / "rgb" / f"{number}.jpg").is_file()
             assert (root / part / sequence / "meta" / f"{number}.pkl").is_file()
-    # One more frame of each sequence has a image and no annotation.
+    # One more frame of each sequence has an image and no annotation.
     assert len(list(root.glob("train/*/rgb/*.jpg"))) == len(lists["train"]) + 5
     content = (root / "train" / "MC1" / "meta" / "0003.pkl").read_bytes()
     assert content[:2] == b"\x80\x02"

@@ -85,7 +85,7 @@ def test_third_numbers_above_one_are_sigmas_and_the_log_says_so(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.INFO):
-        landmarks = read_landmarks(written(tmp_path, with_scores(third=SCORES * 9)))
+        landmarks = read_landmarks(written(tmp_path, with_scores(third_value=SCORES * 9)))
     assert "read as standard deviations in pixels" in caplog.text
     assert landmarks.confidence is None
     assert landmarks.sigma is not None
@@ -93,7 +93,9 @@ def test_third_numbers_above_one_are_sigmas_and_the_log_says_so(
 
 
 def test_the_caller_can_say_that_small_numbers_are_sigmas(tmp_path: Path) -> None:
-    landmarks = read_landmarks(written(tmp_path, with_scores()), assumed=Assumptions(third="sigma"))
+    landmarks = read_landmarks(
+        written(tmp_path, with_scores()), assumed=Assumptions(third_value="sigma")
+    )
     assert landmarks.confidence is None
     assert landmarks.sigma is not None
 
@@ -110,7 +112,7 @@ def test_another_order_of_landmarks_is_put_right(tmp_path: Path) -> None:
     order = [LANDMARKS.index(name) for name in LANDMARK_ORDERS["interhand"]]
     shuffled = with_scores(POINTS[:, order], SCORES[:, order])
     for third in ("confidence", "sigma"):
-        assumed = Assumptions(third=third, order="interhand")
+        assumed = Assumptions(third_value=third, order="interhand")
         landmarks = read_landmarks(written(tmp_path, shuffled), assumed=assumed)
         assert_same_hands(landmarks)
         told = landmarks.sigma if third == "sigma" else landmarks.confidence
@@ -123,8 +125,8 @@ def test_what_is_not_told_is_assumed_by_name(tmp_path: Path) -> None:
     assert not read_landmarks(path).left.any()
     assert read_landmarks(path, assumed=Assumptions(side="left")).left.all()
     assert read_landmarks(path).names == ("0", "1", "2")
-    with pytest.raises(ValueError, match="Unknown third number 'variance'; choose one of"):
-        Assumptions(third="variance")
+    with pytest.raises(ValueError, match="Unknown third value 'variance'; choose one of"):
+        Assumptions(third_value="variance")
     with pytest.raises(ValueError, match="Unknown side 'both'; choose one of"):
         Assumptions(side="both")
     with pytest.raises(ValueError, match="Unknown landmark order 'mine'"):

@@ -182,7 +182,7 @@ def test_other_labels_boxes_or_images_make_another_cache(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_all_hands_of_a_image_are_in_one_split(
+def test_all_hands_of_an_image_are_in_one_split(
     tmp_path: Path, seed: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = Dotted(tmp_path, images=12).as_coco()

@@ -180,17 +180,17 @@ def test_a_mixed_batch_keeps_the_cameras_that_are_known_and_assumes_the_others(
         assert batch.intrinsics is not None
         assert batch.landmarks_3d is not None
         assert batch.vertices is None
-        for place, source in enumerate(batch.source):
+        for position, source in enumerate(batch.source):
             name = source.split(":")[0]
             seen[name] += 1
             if name == "freihand":
-                truth = known[int(batch.index[place])].intrinsics
+                truth = known[int(batch.index[position])].intrinsics
                 assert truth is not None
-                torch.testing.assert_close(batch.intrinsics[place], truth)
-                assert batch.landmarks_3d[place].isfinite().all()
+                torch.testing.assert_close(batch.intrinsics[position], truth)
+                assert batch.landmarks_3d[position].isfinite().all()
             else:
-                assert torch.equal(batch.intrinsics[place], assumed)
-                assert batch.landmarks_3d[place].isnan().all()
+                assert torch.equal(batch.intrinsics[position], assumed)
+                assert batch.landmarks_3d[position].isnan().all()
     # 6 × 4 images of FreiHAND and 12 hands of the other: batches of 8 leave 4 of an epoch out.
     assert min(seen.values()) >= 14
     assert seen.total() == 32

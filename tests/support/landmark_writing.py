@@ -20,8 +20,8 @@ def written(folder: Path, content: Any, name: str = "landmarks.json") -> Path:  
     return path
 
 
-def with_scores(points: np.ndarray = POINTS, third: np.ndarray = SCORES) -> list[Any]:
-    hands: list[Any] = np.concatenate([points, third[..., None]], axis=-1).tolist()
+def with_scores(points: np.ndarray = POINTS, third_value: np.ndarray = SCORES) -> list[Any]:
+    hands: list[Any] = np.concatenate([points, third_value[..., None]], axis=-1).tolist()
     return hands
 
 

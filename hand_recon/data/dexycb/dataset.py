@@ -56,7 +56,7 @@ class DexYcbRecipe:
     setup: str = "s0"
     """One of `SETUPS`."""
     crop: CropPolicy = AROUND_JOINTS
-    """Size and place of the crops."""
+    """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
     """Caches, and how many damaged images are too many."""
     label_workers: int = 2

@@ -50,9 +50,9 @@ class Grasp:
     """One sequence: a subject's hand seen by all cameras."""
 
     subject: int
-    """Place of its subject in `SUBJECTS`."""
-    place: int
-    """Place among its subject's sorted sequences, which decides its split."""
+    """Index of its subject in `SUBJECTS`."""
+    index: int
+    """Index among its subject's sorted sequences, which decides its split."""
     folder: Path
     """Where its `meta.yml` is."""
     frames: int
@@ -134,7 +134,7 @@ def read_grasps(root: Path, subject: int) -> list[Grasp]:
             f"{folder} holds {len(names)} sequences named like 20200709_141754, expected {SEQUENCES}: the "
             "place of each in their order decides its split. Unpack the subject's archive again."
         )
-    return [_read_grasp(folder / name, subject, place) for place, name in enumerate(names)]
+    return [_read_grasp(folder / name, subject, index) for index, name in enumerate(names)]
 
 
 def read_intrinsics(root: Path) -> Float[np.ndarray, "camera=8 3 3"]:
@@ -175,7 +175,7 @@ def _holds(folder: Path) -> bool:
     return any((folder / name).is_dir() for name in SUBJECTS)
 
 
-def _read_grasp(folder: Path, subject: int, place: int) -> Grasp:
+def _read_grasp(folder: Path, subject: int, index: int) -> Grasp:
     path = folder / "meta.yml"
     meta = _read_yaml(path)
     frames, sides = _entry(path, meta, "num_frames"), _entry(path, meta, "mano_sides")
@@ -186,7 +186,7 @@ def _read_grasp(folder: Path, subject: int, place: int) -> Grasp:
         raise ValueError(f"{path} has mano_sides: {sides!r}, expected [right] or [left].")
     if not calibrations or not isinstance(calibrations[0], str):
         raise ValueError(f"{path} has mano_calib: {calibrations!r}, expected the name of one.")
-    return Grasp(subject, place, folder, frames, sides[0] == "left", calibrations[0])
+    return Grasp(subject, index, folder, frames, sides[0] == "left", calibrations[0])
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

@@ -25,8 +25,8 @@ PARTS: Final = ("train", "val", "test")
 
 _EVERY_SUBJECT: Final = tuple(range(len(SUBJECTS)))
 _EVERY_CAMERA: Final = tuple(range(len(SERIALS)))
-_EVERY_PLACE: Final = tuple(range(SEQUENCES))
-_LAST_OF_FIVE: Final = tuple(place for place in _EVERY_PLACE if place % 5 == 4)
+_EVERY_SEQUENCE: Final = tuple(range(SEQUENCES))
+_LAST_OF_FIVE: Final = tuple(index for index in _EVERY_SEQUENCE if index % 5 == 4)
 _THINGS_LEFT_OUT: Final = (3, 7, 11, 15, 19)
 
 
@@ -36,7 +36,7 @@ class Split:
 
     subjects: tuple[int, ...] = _EVERY_SUBJECT
     """Places in `SUBJECTS`, in the split's order."""
-    places: tuple[int, ...] = _EVERY_PLACE
+    sequences: tuple[int, ...] = _EVERY_SEQUENCE
     """Places of sequences among a subject's sorted ones."""
     cameras: tuple[int, ...] = _EVERY_CAMERA
     """Places in `SERIALS`."""
@@ -83,7 +83,7 @@ def enumerate_frames(split: Split, grasps: Sequence[Grasp]) -> Frames:
         split: Its members.
         grasps: All sequences of the split's subjects, in the split's order of subjects.
     """
-    chosen = tuple(grasp for grasp in grasps if grasp.place in split.places)
+    chosen = tuple(grasp for grasp in grasps if grasp.index in split.sequences)
     counts = np.array([grasp.frames for grasp in chosen], dtype=np.int64)
     cameras = np.array(split.cameras, dtype=np.int64)
     # One stretch per sequence and camera, cameras outside, frames inside.
@@ -97,20 +97,20 @@ def enumerate_frames(split: Split, grasps: Sequence[Grasp]) -> Frames:
     )
 
 
-def _without(places: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(place for place in _EVERY_PLACE if place not in places)
+def _without(sequences: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(index for index in _EVERY_SEQUENCE if index not in sequences)
 
 
 def _of_things(things: tuple[int, ...]) -> tuple[int, ...]:
     """Five sequences in a row show one thing."""
-    return tuple(place for place in _EVERY_PLACE if place // 5 in things)
+    return tuple(index for index in _EVERY_SEQUENCE if index // 5 in things)
 
 
 _SPLITS: Final[dict[str, tuple[Split, Split, Split]]] = {
     "s0": (
-        Split(places=_without(_LAST_OF_FIVE)),
-        Split(subjects=(0, 1), places=_LAST_OF_FIVE),
-        Split(subjects=tuple(range(2, 10)), places=_LAST_OF_FIVE),
+        Split(sequences=_without(_LAST_OF_FIVE)),
+        Split(subjects=(0, 1), sequences=_LAST_OF_FIVE),
+        Split(subjects=tuple(range(2, 10)), sequences=_LAST_OF_FIVE),
     ),
     "s1": (
         Split(subjects=(0, 1, 2, 3, 4, 5, 9)),
@@ -119,8 +119,8 @@ _SPLITS: Final[dict[str, tuple[Split, Split, Split]]] = {
     ),
     "s2": (Split(cameras=(0, 1, 2, 3, 4, 5)), Split(cameras=(6,)), Split(cameras=(7,))),
     "s3": (
-        Split(places=_without(_of_things(_THINGS_LEFT_OUT))),
-        Split(places=_of_things((3, 19))),
-        Split(places=_of_things((7, 11, 15))),
+        Split(sequences=_without(_of_things(_THINGS_LEFT_OUT))),
+        Split(sequences=_of_things((3, 19))),
+        Split(sequences=_of_things((7, 11, 15))),
     ),
 }

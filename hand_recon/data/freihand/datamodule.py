@@ -24,19 +24,19 @@ class FreiHandDataModule(ImageDataModule):
 
     def __init__(
         self,
-        *place: Path | str,
+        *location: Path | str,
         mano: Path | str | None = None,
         **options: Any,  # noqa: ANN401  # Those of `ImageDataModule`.
     ) -> None:
         """Remember what to read.
 
         Args:
-            *place: The folder that holds `training_xyz.json`, unless it is given as `root`.
+            *location: The folder that holds `training_xyz.json`, unless it is given as `root`.
             mano: The folder of the user's MANO, for `train_parameters` alone.
             **options: Those of `ImageDataModule`, and fields of `FreiHandRecipe`.
         """
         self.mano = mano
-        super().__init__(*place, **options)
+        super().__init__(*location, **options)
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
         """Pose and shape of the training hands, from `training_mano.json` and the user's own MANO.

@@ -42,7 +42,7 @@ class FreiHandPart:
     versions: tuple[str, ...]
     """Which versions of each hand are there."""
     fingerprint: str
-    """Changes whenever a image, a mask or a label does."""
+    """Changes whenever an image, a mask or a label does."""
     intrinsics: Float[np.ndarray, "hand 3 3"]
     """Camera matrices, pixels of the image."""
     landmarks: Float[np.ndarray, "hand landmark=21 3"]

@@ -36,7 +36,7 @@ def list_images(rgb: Path) -> tuple[str, int, str]:
     """Suffix, number and fingerprint of the images in a folder.
 
     Raises:
-        FileNotFoundError: The folder or a image is missing.
+        FileNotFoundError: The folder or an image is missing.
         ValueError: There are images of several kinds, or none.
     """
     if not rgb.is_dir():

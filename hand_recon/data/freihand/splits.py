@@ -27,7 +27,7 @@ class FreiHandRecipe:
     root: Path | str
     """The folder that holds `training_xyz.json`."""
     crop: CropPolicy = field(default_factory=CropPolicy)
-    """Size and place of the crops."""
+    """Size and position of the crops."""
     test_crop: CropPolicy | None = None
     """The same for test hands, where it differs: the evaluation part has no masks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)

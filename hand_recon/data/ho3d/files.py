@@ -58,9 +58,9 @@ class Ho3dPart:
     images: FrameImages
     """Their images; where there is none, the name that one would have."""
     present: Bool[np.ndarray, " frame"]
-    """Which frames have a image and an annotation."""
+    """Which frames have an image and an annotation."""
     fingerprint: str
-    """Changes whenever a image, an annotation or the list does."""
+    """Changes whenever an image, an annotation or the list does."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -156,8 +156,8 @@ def _list_files(folder: Path, frames: tuple[str, ...]) -> tuple[Listing, Listing
             with os.scandir(folder / sequence / kind) as entries:
                 for entry in entries:
                     status = entry.stat()
-                    place = f"{sequence}/{kind}/{entry.name}"
-                    listing[place] = (status.st_size, status.st_mtime_ns)
+                    name = f"{sequence}/{kind}/{entry.name}"
+                    listing[name] = (status.st_size, status.st_mtime_ns)
     return images, metas
 
 
@@ -168,7 +168,7 @@ def _report(
     listed, found, full = len(frames), int(present.sum()), COUNTS[version][path.stem]
     if not found:
         raise FileNotFoundError(
-            f"None of the {listed} frames of {path} has a image and an annotation in "
+            f"None of the {listed} frames of {path} has an image and an annotation in "
             f"{path.with_suffix('')}, for example {frames[0].replace('/', '/rgb/')}.jpg. "
             f"Unpack HO3D_{version}.zip there."
         )

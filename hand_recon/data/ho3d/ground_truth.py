@@ -51,8 +51,8 @@ def find_ground_truth(root: Path, eval_root: Path | str | None) -> Path | None:
         root: The dataset's folder.
         eval_root: Folder of the ground truth, if the user named one.
     """
-    places = (root,) if eval_root is None else (Path(eval_root).expanduser(), root)
-    return next((folder for folder in places if (folder / LANDMARKS_FILE).is_file()), None)
+    folders = (root,) if eval_root is None else (Path(eval_root).expanduser(), root)
+    return next((folder for folder in folders if (folder / LANDMARKS_FILE).is_file()), None)
 
 
 def load_ground_truth(

@@ -46,10 +46,10 @@ def split_frames(
             f"{', or test on the evaluation part: data.test_source=evaluation' if with_test else ''}."
         )
     rows = {}
-    for place, part in enumerate(parts):
+    for position, part in enumerate(parts):
         chosen: list[int] = []
         # At least one, and at least one is left for every part that is still to come.
-        left = len(parts) - place
+        left = len(parts) - position
         while not chosen or (counts[chosen].sum() < fraction * len(frames) and len(order) > left):
             chosen.append(order.pop(0))
         rows[part] = np.flatnonzero(np.isin(of_frame, recordings[chosen]))

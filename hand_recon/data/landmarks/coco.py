@@ -5,7 +5,7 @@ Annotation files and lists of results are read alike. COCO-WholeBody keeps hands
 135 of 136. mmpose's files of OneHand10K, Panoptic and RHD have one hand per annotation. All of them are in
 FreiHAND's order but RHD's own, which goes from tip to base.
 
-The third number of a keypoint is COCO's visibility (0, 1, 2) or a score; 0 is a keypoint that is not there.
+The third value of a keypoint is COCO's visibility (0, 1, 2) or a score; 0 is a keypoint that is not there.
 In a file that tells them apart, 1 is a keypoint that is labelled but cannot be seen.
 """
 
@@ -99,7 +99,7 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
 
 
 def _image(images: dict[Any, Any], identity: object) -> str | None:
-    """A image's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
+    """An image's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
     named = images.get(identity, identity if isinstance(identity, str) else None)
     return None if named is None else str(named)
 

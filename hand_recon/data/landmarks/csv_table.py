@@ -1,6 +1,6 @@
 """Hands in CSV: one row per hand, or one row per landmark.
 
-One row per hand: columns `u0, v0, …, u20, v20`, and for every landmark also `c0 …` (a third number as in
+One row per hand: columns `u0, v0, …, u20, v20`, and for every landmark also `c0 …` (a third value as in
 JSON), `confidence0 …` or `sigma0 …`, if wanted. One row per landmark: `hand, landmark, u, v`, and
 `confidence` or `sigma`, if wanted; the landmark by its number or by its name in
 `hand_recon.hand.skeleton.LANDMARKS`, those without a row are missing. Either may have `side`, `name` and
@@ -74,7 +74,7 @@ def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHan
     further = {name: f"{name}0" in header for name in ("c", "confidence", "sigma")}
     return ParsedHands(
         points=np.stack([columns("u"), columns("v")], axis=-1),
-        third=columns("c") if further["c"] else None,
+        third_value=columns("c") if further["c"] else None,
         confidence=columns("confidence") if further["confidence"] else None,
         sigma=columns("sigma") if further["sigma"] else None,
         sides=_sides(path, _cells(header, rows, "side")),
@@ -85,10 +85,10 @@ def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHan
 
 def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
     called = [row[header["hand"]].strip() for row in rows]
-    hands = {name: position for position, name in enumerate(dict.fromkeys(called))}
+    hands = {name: number for number, name in enumerate(dict.fromkeys(called))}
     landmarks = _landmarks(path, [row[header["landmark"]] for row in rows])
-    place = np.array([hands[name] for name in called], dtype=np.int64) * 21 + landmarks
-    taken, counts = np.unique(place, return_counts=True)
+    position = np.array([hands[name] for name in called], dtype=np.int64) * 21 + landmarks
+    taken, counts = np.unique(position, return_counts=True)
     if (counts > 1).any():
         hand, landmark = divmod(int(taken[counts > 1][0]), 21)
         raise ValueError(
@@ -98,7 +98,7 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
 
     def spread(title: str) -> Float[np.ndarray, "hand landmark=21"]:
         values = np.full(len(hands) * 21, np.nan)
-        values[place] = _numbers(path, [[row[header[title]]] for row in rows])[:, 0]
+        values[position] = _numbers(path, [[row[header[title]]] for row in rows])[:, 0]
         return values.reshape(-1, 21)
 
     first = dict(zip(reversed(called), reversed(rows), strict=True))

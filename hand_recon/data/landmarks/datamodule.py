@@ -20,14 +20,14 @@ class LandmarkDataModule(ImageDataModule):
     recipe_type = LandmarkRecipe
     default_crop = CropPolicy(around="joints")
 
-    def __init__(self, *place: Path | str, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
+    def __init__(self, *location: Path | str, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
         """Remember what to read.
 
         Args:
-            *place: Landmarks of the training images, a file or a folder, unless given as `train`.
+            *location: Landmarks of the training images, a file or a folder, unless given as `train`.
             **options: Those of `ImageDataModule`, and fields of `LandmarkRecipe`.
         """
-        super().__init__(*place, **options)
+        super().__init__(*location, **options)
         self._splits = LandmarkSplits(self.recipe)
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:

@@ -24,7 +24,7 @@ SPLITS: Final = ("train", "val", "test")
 """What folders of the archive begin with, in capitals."""
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""How a image's name may end."""
+"""How an image's name may end."""
 
 _SIDES: Final = {"l": "left", "r": "right"}
 
@@ -53,7 +53,7 @@ def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = No
         assumed: What is taken for granted where a file's name does not tell it.
 
     Raises:
-        FileNotFoundError: There is no such folder, or no hand with a image in it.
+        FileNotFoundError: There is no such folder, or no hand with an image in it.
         ValueError: A file holds something else.
     """
     if not root.is_dir():
@@ -71,7 +71,7 @@ def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = No
         )  # fmt: skip
     if not shown:
         raise FileNotFoundError(
-            f"No pair of a image and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
+            f"No pair of an image and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
             "VAL_… and TEST_…, or one of them."
         )
     return to_landmark_set(root / "*.json", _parsed(shown), assumed or Assumptions(side=None))

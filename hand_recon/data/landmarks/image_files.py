@@ -96,7 +96,7 @@ def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
 
 
 def scene(image: Path) -> str:
-    """What may not be in two splits: a image, under whichever of HInt's two names (`_l`, `_r`)."""
+    """What may not be in two splits: an image, under whichever of HInt's two names (`_l`, `_r`)."""
     return str(image.with_name(re.sub(r"_[lr]$", "", image.stem)))
 
 
@@ -143,7 +143,7 @@ def _worth_keeping(
 
 
 def _identity(images: list[Path]) -> str:
-    """Changes whenever a image does."""
+    """Changes whenever an image does."""
     distinct = sorted(set(images))
     known = {path: file_identity(path) if path.is_file() else str(path) for path in distinct}
     return digest([known[path] for path in images])

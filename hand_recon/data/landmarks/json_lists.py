@@ -36,7 +36,7 @@ def parse_points(path: Path, content: list[Any]) -> ParsedHands:
     """
     hands = [content] if _is_one_hand(content) else content
     numbers = _to_array(path, hands)
-    return ParsedHands(points=numbers[..., :2], third=numbers[..., 2])
+    return ParsedHands(points=numbers[..., :2], third_value=numbers[..., 2])
 
 
 def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
@@ -57,7 +57,7 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
     numbers = _to_array(path, [_first(entry, LANDMARK_KEYS) for entry in content])
     return ParsedHands(
         points=numbers[..., :2],
-        third=numbers[..., 2],
+        third_value=numbers[..., 2],
         confidence=_values(path, content, "confidence"),
         sigma=_values(path, content, "sigma"),
         intrinsics=_cameras(path, content),
@@ -84,7 +84,7 @@ def _is_one_hand(content: list[Any]) -> bool:
 
 
 def _to_array(path: Path, hands: list[Any]) -> Float[np.ndarray, "hand landmark=21 3"]:
-    """All points with their third number, NaN where something is missing."""
+    """All points with their third value, NaN where something is missing."""
     try:
         array = np.array(hands, dtype=np.float64)
     except (ValueError, TypeError):
@@ -92,7 +92,7 @@ def _to_array(path: Path, hands: list[Any]) -> Float[np.ndarray, "hand landmark=
     if array.ndim == 3 and array.shape[1] == 21 and array.shape[2] in (2, 3):
         missing = np.full((len(array), 21, 3 - array.shape[2]), np.nan)
         return np.concatenate([array, missing], axis=-1)
-    # A missing landmark, or a third number that some lack, makes the list ragged.
+    # A missing landmark, or a third value that some lack, makes the list ragged.
     rows = [row for position, hand in enumerate(hands) for row in _rows(path, position, hand)]
     try:
         return np.array(rows, dtype=np.float64).reshape(len(hands), 21, 3)

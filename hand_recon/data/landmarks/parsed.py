@@ -15,8 +15,8 @@ from hand_recon.hand.skeleton import landmark_permutation
 
 logger = logging.getLogger(__name__)
 
-THIRD: Final = ("auto", "confidence", "sigma")
-"""What the third number of a point can be taken for."""
+MEANINGS: Final = ("auto", "confidence", "sigma")
+"""What the third value of a point can be taken for."""
 
 SIDES: Final = ("left", "right")
 """What a hand's side can be called."""
@@ -28,8 +28,8 @@ class ParsedHands:
 
     points: Float[np.ndarray, "hand landmark=21 2"]
     """Pixels of the image, in the file's order of landmarks."""
-    third: Float[np.ndarray, "hand landmark=21"] | None = None
-    """A third number whose meaning the file does not tell."""
+    third_value: Float[np.ndarray, "hand landmark=21"] | None = None
+    """A third value whose meaning the file does not tell."""
     confidence: Float[np.ndarray, "hand landmark=21"] | None = None
     """Scores from 0 to 1."""
     sigma: Float[np.ndarray, "hand landmark=21"] | None = None
@@ -56,8 +56,8 @@ class Assumptions:
         ValueError: A value is not among those that are known.
     """
 
-    third: str = "auto"
-    """One of `THIRD`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
+    third_value: str = "auto"
+    """One of `MEANINGS`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
     side: str | None = "right"
     """Which hands they are where the file does not tell; none refuses a file that does not."""
     order: str = "freihand"
@@ -66,8 +66,10 @@ class Assumptions:
     """Folder of the images, if it is not that of the file."""
 
     def __post_init__(self) -> None:
-        if self.third not in THIRD:
-            raise ValueError(f"Unknown third number {self.third!r}; choose one of {list(THIRD)}.")
+        if self.third_value not in MEANINGS:
+            raise ValueError(
+                f"Unknown third value {self.third_value!r}; choose one of {list(MEANINGS)}."
+            )
         if self.side is not None and self.side not in SIDES:
             raise ValueError(f"Unknown side {self.side!r}; choose one of {list(SIDES)}.")
         landmark_permutation(self.order, "freihand")
@@ -105,7 +107,7 @@ def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> La
     hands = len(parsed.points)
     if hands == 0:
         raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
-    confidence, sigma = _told_apart(path, parsed, assumed.third)
+    confidence, sigma = _told_apart(path, parsed, assumed.third_value)
     labelled = np.isfinite(parsed.points).all(axis=-1)
     if confidence is not None:
         # Detectors write (0, 0) with confidence 0 for what they did not find.
@@ -161,20 +163,20 @@ def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
 def _told_apart(
     path: Path, parsed: ParsedHands, meaning: str
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Confidence and σ, once it is settled which of the two the third number is."""
-    confidence, sigma, third = parsed.confidence, parsed.sigma, parsed.third
-    if third is None or np.isnan(third).all():
+    """Confidence and σ, once it is settled which of the two the third value is."""
+    confidence, sigma, third_value = parsed.confidence, parsed.sigma, parsed.third_value
+    if third_value is None or np.isnan(third_value).all():
         return confidence, sigma
     if meaning == "auto":
-        within = bool(((third >= 0) & (third <= 1))[~np.isnan(third)].all())
+        within = bool(((third_value >= 0) & (third_value <= 1))[~np.isnan(third_value)].all())
         meaning = "confidence" if within else "sigma"
         range_found = "all lie in [0, 1]" if within else "do not all lie in [0, 1]"
         logger.info(
-            "%s: the third numbers %s and are read as %s; say third=confidence or third=sigma if you know "
-            "better.",
+            "%s: the third values %s and are read as %s; set third_value=confidence or third_value=sigma if "
+            "they are something else.",
             path, range_found, "confidences" if within else "standard deviations in pixels",
         )  # fmt: skip
-    return (third, sigma) if meaning == "confidence" else (confidence, third)
+    return (third_value, sigma) if meaning == "confidence" else (confidence, third_value)
 
 
 def _check_points(
@@ -200,7 +202,9 @@ def _check_confidence(path: Path, confidence: np.ndarray | None) -> None:
     if confidence is not None:
         outside = np.any((confidence < 0) | (confidence > 1), axis=-1)
         refuse(
-            path, outside, "confidences outside [0, 1]; if they are σ in pixels, say third=sigma."
+            path,
+            outside,
+            "confidences outside [0, 1]; if they are σ in pixels, say third_value=sigma.",
         )
 
 

@@ -45,8 +45,8 @@ class LandmarkRecipe:
     """Which hands they are where a file does not tell; none refuses such a file."""
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
-    third: str = "auto"
-    """What a third number is that a file does not name: `auto`, `confidence` or `sigma`."""
+    third_value: str = "auto"
+    """What a third value is that a file does not name: `auto`, `confidence` or `sigma`."""
     min_side: float = 24.0
     """Hands whose box is smaller are left out, pixels of the image."""
     val_fraction: float = 0.1
@@ -54,7 +54,7 @@ class LandmarkRecipe:
     split_seed: int = 0
     """Fixes which: the same for all seeds of a study."""
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
-    """Size and place of the crops."""
+    """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
     """Caches, and how many missing or damaged images are too many."""
 
@@ -74,7 +74,7 @@ class LandmarkRecipe:
     def assumed(self) -> Assumptions:
         """What is taken for granted where a file does not say it."""
         images = None if self.images is None else Path(self.images).expanduser().absolute()
-        return Assumptions(self.third, self.side, self.order, images)
+        return Assumptions(self.third_value, self.side, self.order, images)
 
     def source(self, split: str) -> Path | None:
         """Where a split's landmarks are; none if it is a share of the training images."""
@@ -128,7 +128,7 @@ class LandmarkSplits:
 
     @cached_property
     def _shares(self) -> dict[str, Int[np.ndarray, " row"]]:
-        """Rows of the training table for each split without a file; all hands of a image stay together."""
+        """Rows of the training table for each split without a file; all hands of an image stay together."""
         recipe = self.recipe
         scenes, of_row = np.unique(_scenes(self._training), return_inverse=True)
         held_out = [split for split in ("val", "test") if recipe.source(split) is None]
