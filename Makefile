@@ -93,6 +93,6 @@ $(STAMP): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > $(VENV)/uv.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(VENV)/uv.txt
-	$(UV) pip install --require-hashes --build-constraints requirements.lock -r requirements.lock
+	$(UV) pip install --compile-bytecode --require-hashes --build-constraints requirements.lock -r requirements.lock
 	$(UV) pip install --no-deps --build-constraints requirements.lock --editable .
 	@touch $@

@@ -1,4 +1,4 @@
-"""Checkpoints that carry what it takes to rebuild and to judge them."""
+"""Checkpoints that carry what it takes to rebuild and to evaluate them."""
 
 import copy
 import hashlib
@@ -10,9 +10,11 @@ import lightning
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon import __version__
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
-from hand_recon.runs.configuration import build_module
+from hand_recon.runs.building import build_module
+from hand_recon.runs.configuration import refuse_untrusted
 from hand_recon.training.module import HandReconstruction
 
 CONFIG_KEY: Final = "hand_recon_config"
@@ -21,15 +23,23 @@ CONFIG_KEY: Final = "hand_recon_config"
 MEAN_POSE_KEY: Final = "hand_recon_mean_pose"
 """Where a checkpoint keeps the mean training hand: `landmarks` and `vertices`, metres, where known."""
 
+VERSION_KEY: Final = "hand_recon_version"
+"""Where a checkpoint keeps the version of hand_recon that wrote it; 0.1 did not write it."""
+
 HAND_KEY: Final = "hand_recon_hand"
 """Where a checkpoint keeps the fingerprint of the hand that it was trained with."""
 
 
-class ConfigInCheckpoint(lightning.Callback):
-    """Writes into every checkpoint what it takes to rebuild and to judge it.
+BUILT: Final = ("hand", "model", "prior", "data_term", "supervision", "data")
+"""Parts of a checkpoint's configuration that are built again when it is loaded or evaluated."""
 
-    The resolved configuration; a fingerprint of the hand, since the same weights on another hand are
-    another model; and the mean training hand, the constant predictor that a model is compared with.
+
+class ConfigInCheckpoint(lightning.Callback):
+    """Write into every checkpoint what it takes to rebuild and to evaluate it.
+
+    The version of hand_recon; the resolved configuration; a fingerprint of the hand, since the same weights
+    on another hand are another model; and the mean training hand, the constant predictor that a model is
+    compared with.
     """
 
     def __init__(self, config: dict[str, Any], mean_pose: dict[str, torch.Tensor]) -> None:
@@ -43,7 +53,8 @@ class ConfigInCheckpoint(lightning.Callback):
         pl_module: lightning.LightningModule,
         checkpoint: dict[str, Any],
     ) -> None:
-        """Add the three."""
+        """Add the entries."""
+        checkpoint[VERSION_KEY] = __version__
         checkpoint[CONFIG_KEY] = self.config
         checkpoint[HAND_KEY] = fingerprint(pl_module.regressor.hand)  # type: ignore[union-attr, arg-type]
         checkpoint[MEAN_POSE_KEY] = self.mean_pose
@@ -115,7 +126,15 @@ def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
     if "weights" in built.model.encoder:
         built.model.encoder.weights = "none"
     # Nor is the prior needed again, so its table may lie on the machine where it was trained.
-    built.prior.ranges = "literature"
+    if built.prior.range_of_motion is not None:
+        built.prior.range_of_motion.ranges = "literature"
+    # Nor is it trained again: an optimizer of the user's own is left out.
+    built.optimizer = {"_target_": "torch.optim.Adam", "_partial_": True, "schedule": None}
+    refuse_untrusted(
+        OmegaConf.masked_copy(built, [name for name in BUILT if name in built]),
+        str(path),
+        checkpoint.get(VERSION_KEY),
+    )
     module = build_module(built)
     hand = fingerprint(module.regressor.hand)
     if hand != checkpoint.get(HAND_KEY):

@@ -1,34 +1,21 @@
 """From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
 
-import hashlib
 import multiprocessing
 import os
-import re
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import hydra
 import torch
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import MissingMandatoryValue
 
-from hand_recon.data.datamodule import HandDataModule
-from hand_recon.evaluation.hand_scores import Scores
+from hand_recon import __version__
+from hand_recon.command_line.resolvers import MANO_HAND, register_resolvers
 from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.prior import Prior
-from hand_recon.knowledge.ranges import load_ranges
-from hand_recon.regressor.landmark_encoder import LandmarkEncoder
-from hand_recon.training.module import HandReconstruction
-from hand_recon.uncertainty import DataTerm
 
-CONF: Final = str(Path(__file__).resolve().parents[2] / "conf")
-"""Absolute, because Hydra would look for a package of that name when a console script starts it."""
-
-MANO_HAND: Final = "hand_recon.hand.mano.hand.mano_hand"
-"""What makes the hand whose surface the datasets' surfaces are numbered as."""
+register_resolvers()
 
 TRUSTED: Final = frozenset(
     {
@@ -47,12 +34,15 @@ TRUSTED: Final = frozenset(
         "hand_recon.fitting.descent.Descent",
         MANO_HAND,
         "hand_recon.hand.open_hand.open_hand",
-        "hand_recon.knowledge.adversarial.Adversary",
+        "hand_recon.knowledge.adversarial.AdversarialTerm",
         "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy",
-        "hand_recon.knowledge.prior.Prior",
+        "hand_recon.knowledge.pose_components.PoseComponentsTerm",
+        "hand_recon.knowledge.terms.NonPenetrationTerm",
+        "hand_recon.knowledge.terms.RangeOfMotionTerm",
+        "hand_recon.knowledge.terms.ShapeTerm",
         "hand_recon.regressor.error_feedback.Regressor",
+        "hand_recon.training.schedules.warmup_cosine",
         "hand_recon.training.supervision.Landmarks3D",
-        "hand_recon.training.module.warmup_cosine",
         "hand_recon.uncertainty.FullCovariance",
         "hand_recon.uncertainty.LaplaceLikelihood",
         "hand_recon.uncertainty.NegativeLogLikelihood",
@@ -71,79 +61,60 @@ TRUSTED: Final = frozenset(
         "torch.optim.lr_scheduler.OneCycleLR",
     }
 )
-"""Every `_target_` that may be called, one by one: a checkpoint brings its configuration with it, and even
-torch has functions that run commands."""
-
-SCORED_RANGES: Final = "literature"
-"""The table by which every model's violations are counted, whatever its prior knows."""
-
-LONGEST_NAME: Final = 200
-"""Bytes of a folder's name; common file systems allow 255."""
-
-
-def folder_name(overrides: str) -> str:
-    """A run's overrides as the name of its folder, in characters that a later override may contain.
-
-    `+experiment=ablation_row1,seed=2` becomes `experiment-ablation_row1__seed-2`. What file systems find
-    too long ends in a digest.
-    """
-    name = re.sub(r"[^\w.-]+", "-", overrides.replace(",", "__").replace("+", "")).strip("-")
-    if len(name.encode()) <= LONGEST_NAME:
-        return name
-    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-    return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{digest}"
-
-
-# Used by the folders of conf/train.yaml, evaluate.yaml and fit.yaml.
-OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
-# Used by conf/data: surfaces of a dataset are compared with a hand of the same numbering only.
-OmegaConf.register_new_resolver(
-    "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
-)
-OmegaConf.register_new_resolver(
-    "either", lambda first, second: second if first is None else first, replace=True
-)
-# Used by conf/recipe/lifter.yaml.
-OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
+"""Every `_target_` that a checkpoint's configuration may call."""
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
-    """Hydra's `instantiate`, for the targets in `TRUSTED`.
-
-    Raises:
-        ValueError: A `_target_` is not among them.
-    """
+    """Build what a part of a configuration describes with Hydra; none of none."""
     if config is None:
         return None
-    # Resolved, so that nothing hides behind a reference; missing values are the target's business.
-    _refuse_strangers(OmegaConf.to_container(config, resolve=True))
     if not arguments:
         return hydra.utils.instantiate(config)
     # Given to Hydra, a dataclass among the arguments would come out as a configuration.
     return hydra.utils.instantiate(config, _partial_=True)(**arguments)
 
 
-def _refuse_strangers(node: object) -> None:
-    if isinstance(node, Mapping):
-        target = node.get("_target_")
-        if target is not None and target not in TRUSTED:
+def refuse_untrusted(config: DictConfig, source: str, version: str | None = None) -> None:
+    """Check a configuration that came with a checkpoint before anything in it is called.
+
+    A configuration that its user composed may call anything, but a file from elsewhere may name any
+    function of any package, and even torch has functions that run commands.
+
+    Args:
+        config: The parts that will be built.
+        source: The file, for the message.
+        version: Version of hand_recon that wrote it, where the file says.
+
+    Raises:
+        ValueError: A `_target_` is neither in `TRUSTED` nor in the environment's HAND_RECON_TRUSTED.
+    """
+    allowed = TRUSTED | set(os.environ.get("HAND_RECON_TRUSTED", "").split(","))
+    # Resolved, so that nothing hides behind a reference; missing values are the target's business.
+    for target in _targets(OmegaConf.to_container(config, resolve=True)):
+        if target in allowed:
+            continue
+        if target.startswith("hand_recon."):
             raise ValueError(
-                f"The configuration asks to call {target!r}, which is not among the targets that are "
-                "known to be harmless, and a checkpoint from elsewhere may ask for anything. If it is yours, "
-                "add it to TRUSTED in hand_recon/runs/configuration.py."
+                f"{source} names {target!r}, which hand_recon {__version__} does not have: it was written by "
+                f"hand_recon {version or '0.1'}. Use that version, or train again."
             )
+        raise ValueError(
+            f"{source} asks to call {target!r}, which is not among the targets that are known to be "
+            f"harmless. If the checkpoint and the target are yours, set HAND_RECON_TRUSTED={target} in the "
+            "environment."
+        )
+
+
+def _targets(node: object) -> Iterator[str]:
+    """Every `_target_` of a configuration."""
+    if isinstance(node, Mapping):
+        if "_target_" in node:
+            yield str(node["_target_"])
         for value in node.values():
-            _refuse_strangers(value)
+            yield from _targets(value)
     elif isinstance(node, list):
         for value in node:
-            _refuse_strangers(value)
-
-
-if not Path(CONF).is_dir():
-    raise ImportError(
-        f"hand_recon is an application: its configuration is expected at {CONF}. Install it from a checkout "
-        "with `make env` or `pip install -e .`, not as a wheel."
-    )
+            yield from _targets(value)
 
 
 def build_hand(config: DictConfig) -> HandModel:
@@ -152,70 +123,25 @@ def build_hand(config: DictConfig) -> HandModel:
     return hand
 
 
-def build_data(config: DictConfig) -> HandDataModule:
-    """The datamodule of a run.
-
-    Raises:
-        ValueError: A mandatory value such as `data.root` was not given.
-    """
-    try:
-        OmegaConf.to_container(config.data, resolve=True, throw_on_missing=True)
-    except MissingMandatoryValue as error:
-        raise ValueError(
-            f"{str(error).splitlines()[0]}. Give it on the command line, for example "
-            "`data=freihand data.root=/path/to/FreiHAND_pub_v2` or `data=landmarks data.train=labels.json`; "
-            "data/README.md tells where each dataset comes from."
-        ) from error
-    data: HandDataModule = instantiate(config.data)
-    return data
-
-
-def build_module(config: DictConfig) -> HandReconstruction:
-    """The Lightning module of a run, with fresh weights."""
-    hand = build_hand(config)
-    data_term: DataTerm = instantiate(config.data_term)
-    optimizer = {key: value for key, value in config.optimizer.items() if key != "schedule"}
-    return HandReconstruction(
-        instantiate(config.model, hand=hand, correlated=data_term.needs_correlation),
-        build_prior(config.prior, hand),
-        data_term,
-        scores=partial(Scores, load_ranges(SCORED_RANGES), NonPenetration(hand)),
-        optimizer=instantiate(OmegaConf.create(optimizer)),
-        scheduler=instantiate(config.optimizer.schedule),
-        supervision=instantiate(config.get("supervision") or None),
+def build_prior(config: DictConfig, hand: HandModel) -> Prior:
+    """The prior that a member of the `prior` group describes: terms by name, none for null."""
+    return Prior(
+        {
+            str(name): instantiate(term, hand=hand)
+            for name, term in config.items()
+            if term is not None
+        }
     )
 
 
-def build_prior(config: DictConfig, hand: HandModel) -> Prior:
-    """The prior that a member of the `prior` group describes."""
-    rest = {key: value for key, value in config.items() if key != "ranges"}
-    ranges = load_ranges(config.ranges, hand.rest_angles)
-    prior: Prior = instantiate(OmegaConf.create(rest), ranges=ranges, hand=hand)
-    return prior
+def configure_process(threads: int | None) -> int:
+    """Set the number of compute threads, reset an unsupported start method to spawn, return the number.
 
-
-def check_input(module: HandReconstruction, data: HandDataModule) -> None:
-    """Refuse to show a lifter crops that are not cut as its training's are.
-
-    Raises:
-        ValueError: The model looks at landmarks, and the data are not views of upright landmarks.
+    Args:
+        threads: Threads; none for every core that this process may use. More than that is many times slower.
     """
-    lifts = isinstance(module.regressor.encoder, LandmarkEncoder)
-    if lifts and data.name != "views":
-        raise ValueError(
-            f"A lifter is trained and scored on data=views, whose crops are cut about the landmarks with the "
-            f"fingers up; {data.name}'s are not. For other landmarks use "
-            "`python -m hand_recon.fit landmarks=<file> lifter=<run> descent.steps=0`."
-        )
-
-
-def settle_process(threads: int | None) -> int:
-    """Fix the number of compute threads and return it; let the process have processes of its own.
-
-    Without a number, every core that this process may use: more than that is many times slower.
-    """
-    # Hydra's joblib launcher starts its runs by a method of its own. Their children would hear of it as the
-    # default and know nothing of it.
+    # The processes of Hydra's joblib launcher have joblib's start method, which their own children
+    # do not know.
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
         multiprocessing.set_start_method("spawn", force=True)
     # Not every system knows affinities; there, all cores are this process's.

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from hand_recon import __version__
 from hand_recon.data.augment import to_float
-from hand_recon.data.datamodule import HandDataModule, gather
+from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.metrics import HandMetrics
@@ -205,7 +205,7 @@ def _shown_hands(run: Run) -> _Shown | None:
     indices = evenly_spaced(len(dataset), int(run.config.report.images))
     if not indices:
         return None
-    batch = gather(dataset, indices)
+    batch = load_batch(dataset, indices)
     module = run.module.to("cpu").eval()
     return _Shown(indices, batch, module(to_float(batch)))
 

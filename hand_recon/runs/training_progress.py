@@ -13,7 +13,7 @@ logger = logging.getLogger(__name__)
 _LINES_PER_RUN = 40
 
 
-def somebody_watches() -> bool:
+def is_interactive() -> bool:
     """Whether the output goes to a terminal."""
     return sys.stderr.isatty()
 
@@ -27,7 +27,7 @@ def quiet_libraries() -> None:
 
 def progress_callback() -> lightning.Callback:
     """A rich progress bar where somebody watches a terminal, one line per epoch elsewhere."""
-    return RichProgressBar(leave=False) if somebody_watches() else PlainProgress()
+    return RichProgressBar(leave=False) if is_interactive() else PlainProgress()
 
 
 class PlainProgress(lightning.Callback):

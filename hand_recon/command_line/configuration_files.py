@@ -1,0 +1,59 @@
+"""Hydra's configuration files: where they are, and which names a verb's file knows."""
+
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+PACKAGE: Final = Path(__file__).resolve().parents[1]
+"""The folder of `hand_recon`."""
+
+CONF: Final = str(PACKAGE / "conf" if (PACKAGE / "conf").is_dir() else PACKAGE.parent / "conf")
+"""Folder of the configuration: inside the package in a wheel, beside it in a checkout. Absolute,
+because Hydra would look for a package of that name when a console script starts it."""
+
+
+@cache
+def known_names(config_name: str) -> frozenset[str]:
+    """First parts of the keys that a command line may set: top-level keys and groups.
+
+    Args:
+        config_name: A file of `conf`, without its ending.
+    """
+    content = _content(config_name)
+    return frozenset(str(key) for key in content if key != "defaults") | groups(config_name)
+
+
+@cache
+def groups(config_name: str) -> frozenset[str]:
+    """Groups of a file's defaults list; each has a member chosen, which may be null."""
+    return frozenset(_chosen(_content(config_name)))
+
+
+def booleans(config_name: str) -> frozenset[str]:
+    """Top-level keys that are true or false."""
+    content = _content(config_name)
+    return frozenset(str(key) for key, value in content.items() if isinstance(value, bool))
+
+
+def _content(config_name: str) -> dict[str, object]:
+    """A configuration file with what it inherits from files of its own folder."""
+    content = yaml.safe_load((Path(CONF) / f"{config_name}.yaml").read_text(encoding="utf-8"))
+    inherited: dict[str, object] = {}
+    for entry in content.get("defaults", []):
+        if isinstance(entry, str) and entry != "_self_":
+            inherited |= _content(entry)
+    return inherited | content
+
+
+def _chosen(content: dict[str, object]) -> set[str]:
+    """Groups of a defaults list."""
+    defaults = content.get("defaults", [])
+    entries = defaults if isinstance(defaults, list) else []
+    return {
+        str(key).removeprefix("optional ").removeprefix("override ").split("@")[-1].split("/")[0]
+        for entry in entries
+        if isinstance(entry, dict)
+        for key in entry
+    }

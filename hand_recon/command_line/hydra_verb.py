@@ -1,0 +1,130 @@
+"""Runs a verb: translates its words, lets Hydra compose the configuration, calls the verb's function."""
+
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
+from hand_recon.command_line.resolvers import register_resolvers
+from hand_recon.command_line.verbs import VERBS, Verb
+from hand_recon.command_line.words import UsageError, to_overrides
+
+
+def run_verb(
+    name: str,
+    description: str,
+    words: Sequence[str] | None = None,
+    *,
+    config_name: str | None = None,
+    preset: Sequence[str] = (),
+) -> None:
+    """Run a verb with the words after it.
+
+    Args:
+        name: A key of `VERBS`.
+        description: Shown above Hydra's help: the docstring of the command's module.
+        words: The command line after the verb; none for this process's own.
+        config_name: File of `conf`, if it is not called like the verb.
+        preset: Overrides that go before the user's.
+
+    Raises:
+        SystemExit: The command line cannot be understood (status 2), or the run failed.
+    """
+    wait_without_spinning()
+    register_resolvers()
+    verb, config_name = VERBS[name], config_name or name
+    try:
+        overrides = to_overrides(
+            sys.argv[1:] if words is None else words,
+            verb,
+            known_names(config_name),
+            booleans=booleans(config_name),
+            groups=groups(config_name),
+        )
+        _check_nested(config_name, overrides)
+    except UsageError as error:
+        sys.stderr.write(f"{error}\nSee `hand-recon {name} --help`.\n")
+        raise SystemExit(2) from error
+    if not {"--help", "-h"}.isdisjoint(overrides):
+        sys.stdout.write(f"{description.strip()}\n\n")
+    # Hydra reads the process's command line.
+    sys.argv = [f"hand-recon {name}", *preset, *overrides]
+    try:
+        hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
+    except KeyboardInterrupt as error:
+        sys.stderr.write("Interrupted. What was finished until then is kept.\n")
+        raise SystemExit(130) from error
+
+
+def _task(verb: Verb) -> Callable[[DictConfig], Any]:
+    """The verb's function, imported only when it is called: `--help` needs no torch."""
+    module, _, function = verb.entry.partition(":")
+
+    def task(config: DictConfig) -> Any:  # noqa: ANN401  # whatever the verb returns
+        # Again, for the processes of a sweep.
+        register_resolvers()
+        return getattr(importlib.import_module(module), function)(config)
+
+    return task
+
+
+def wait_without_spinning() -> None:
+    """Let idle threads sleep, unless the environment says otherwise; call it before torch is loaded.
+
+    By default OpenMP's threads spin while they wait for each other. On a busy machine that steals the
+    time of the thread they wait for: two torch threads were 5 to 8 times slower.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+
+def _check_nested(config_name: str, overrides: Sequence[str]) -> None:
+    """Refuse a dotted key that the composed configuration does not have, and name the nearest.
+
+    Hydra refuses it too, but says only that a key is not in a struct. Keys with `+` are new by intent.
+
+    Raises:
+        UsageError: There is no such key.
+    """
+    dotted = [word for word in overrides if "." in word.partition("=")[0] and word[0] not in "-+~"]
+    dotted = [word for word in dotted if not word.startswith("hydra.") and "@" not in word]
+    if not dotted or "--multirun" in overrides or "-m" in overrides:
+        return
+    choices = [word for word in overrides if word not in dotted and word[0] != "-"]
+    choices = [word for word in choices if not word.lstrip("+~").startswith("hydra")]
+    config = _composed(config_name, choices)
+    if config is None:
+        return
+    for word in dotted:
+        _check_key(word.partition("=")[0], config)
+
+
+def _composed(config_name: str, overrides: list[str]) -> DictConfig | None:
+    """The configuration without the dotted overrides; none if Hydra has an error to report itself."""
+    with hydra.initialize_config_dir(CONF, version_base="1.3"):
+        try:
+            return hydra.compose(config_name, overrides)
+        except Exception:  # noqa: BLE001  # Hydra's own run says what is wrong, in its own words.
+            return None
+
+
+def _check_key(key: str, config: DictConfig) -> None:
+    node: Any = config
+    for depth, part in enumerate(key.split(".")):
+        if not isinstance(node, DictConfig):
+            return
+        if part not in node:
+            known = [str(name) for name in node]
+            near = difflib.get_close_matches(part, known, 1)
+            before = ".".join(key.split(".")[:depth])
+            raise UsageError(
+                f"Unknown option {key!r}: {before} has no {part!r}"
+                + (f"; did you mean {before}.{near[0]}?" if near else ".")
+                + f" It has: {', '.join(sorted(known))}. To add a key, write +{key}=…."
+            )
+        node = None if OmegaConf.is_missing(node, part) else node._get_node(part)

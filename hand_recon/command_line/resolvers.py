@@ -1,0 +1,41 @@
+"""OmegaConf resolvers that the configuration files use."""
+
+import hashlib
+import re
+from typing import Final
+
+from omegaconf import OmegaConf
+
+MANO_HAND: Final = "hand_recon.hand.mano.hand.mano_hand"
+"""Target of `hand=mano`: the hand whose vertices the datasets' surfaces are numbered as."""
+
+LONGEST_NAME: Final = 200
+"""Bytes of a folder's name; common file systems allow 255."""
+
+
+def register_resolvers() -> None:
+    """Register every resolver of `conf`; it may be called again."""
+    # Used by the sweep folders of conf/train.yaml, evaluate.yaml and fit.yaml.
+    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+    # Used by conf/data: surfaces of a dataset are compared with a hand of the same numbering only.
+    OmegaConf.register_new_resolver(
+        "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
+    )
+    OmegaConf.register_new_resolver(
+        "either", lambda first, second: second if first is None else first, replace=True
+    )
+    # Used by conf/recipe/lifter.yaml.
+    OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
+
+
+def folder_name(overrides: str) -> str:
+    """A run's overrides as the name of its folder, in characters that a later override may contain.
+
+    `+experiment=ablation_row1,seed=2` becomes `experiment-ablation_row1__seed-2`. A name that file systems
+    find too long ends in a digest.
+    """
+    name = re.sub(r"[^\w.-]+", "-", overrides.replace(",", "__").replace("+", "")).strip("-")
+    if len(name.encode()) <= LONGEST_NAME:
+        return name
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name.encode()[: LONGEST_NAME - 9].decode(errors='ignore')}-{digest}"

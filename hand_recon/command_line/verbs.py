@@ -1,0 +1,89 @@
+"""The verbs of `hand-recon`, and what each accepts besides Hydra's overrides."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One command: `hand-recon <name>`, the same as `python -m hand_recon.<name>`."""
+
+    name: str
+    """The word after `hand-recon`, a module of `hand_recon` and a file of `conf`."""
+    group: str
+    """The heading under which `hand-recon --help` lists it."""
+    purpose: str
+    """One line for `hand-recon --help`."""
+    entry: str
+    """Function that receives the composed configuration, as `module:function`."""
+    positional: tuple[str, ...] = ()
+    """Configuration keys that words without a key are given to, in order."""
+    paths: tuple[str, ...] = ()
+    """Further keys whose values are paths: quoted for Hydra, `~` expanded."""
+
+    @property
+    def path_keys(self) -> frozenset[str]:
+        """All keys whose values are paths."""
+        return frozenset({*self.positional, *self.paths, *COMMON_PATHS})
+
+
+COMMON_PATHS: Final = (
+    "paths.run",
+    "paths.output",
+    "paths.cache",
+    "hydra.run.dir",
+    "hydra.sweep.dir",
+)
+"""Paths that every verb knows."""
+
+DATA_PATHS: Final = (
+    "data.root", "data.eval_root", "data.train", "data.val", "data.test", "data.images", "data.mano",
+    "data.cache_dir", "hand.path",
+)  # fmt: skip
+"""Paths of datasets and of the licensed hand."""
+
+HANDS: Final = "Get hands"
+MODELS: Final = "Train and measure"
+DATA: Final = "Prepare"
+
+VERBS: Final = {
+    verb.name: verb
+    for verb in (
+        Verb(
+            "fit", HANDS, "2D landmarks of any detector in, 3D hands out; no training",
+            "hand_recon.runs.fit_run:fit", ("landmarks",),
+            ("output", "intrinsics", "images", "lifter", *DATA_PATHS),
+        ),
+        Verb(
+            "train", MODELS, "train, test the best checkpoint, draw a report",
+            "hand_recon.runs.training_run:train", (),
+            ("resume", "model.encoder.weights", *DATA_PATHS),
+        ),
+        Verb(
+            "evaluate", MODELS, "test a checkpoint on its own data or on another dataset",
+            "hand_recon.runs.evaluation_run:evaluate", ("ckpt",), DATA_PATHS,
+        ),
+        Verb(
+            "score", MODELS, "score and check anybody's file of predictions as its benchmark does",
+            "hand_recon.runs.scoring_run:score", ("predictions", "ground_truth"),
+            ("output", *DATA_PATHS),
+        ),
+        Verb(
+            "report", MODELS, "finished runs as the paper's Tables 1 to 3",
+            "hand_recon.runs.tables_run:report", ("runs",), ("output",),
+        ),
+        Verb(
+            "figures", MODELS, "finished runs as the paper's Fig. 3 and 4",
+            "hand_recon.runs.figures_run:figures", ("runs",), ("output",),
+        ),
+        Verb(
+            "doctor", DATA, "what this machine has, what is missing, and what to type next",
+            "hand_recon.runs.diagnosis:doctor_command", ("folder",), ("dexycb", "mano"),
+        ),
+        Verb(
+            "prepare", DATA, "convert MANO, fill caches, check the labels of a dataset",
+            "hand_recon.runs.preparation:prepare", ("task", "source"), ("folder", *DATA_PATHS),
+        ),
+    )
+}  # fmt: skip
+"""Every verb by its name, in the order of the help."""

@@ -1,0 +1,35 @@
+"""Fits a set of landmarks part by part, so that the first hands are written while later ones are fitted."""
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.progress import with_progress
+from hand_recon.fitting.descent import Fitted
+from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
+from hand_recon.schema import HandBatch
+
+PART: Final = 64
+"""Hands per part."""
+
+Fitter = Callable[[HandBatch], Fitted]
+"""From crops of landmarks to hands."""
+
+
+def fit_in_parts(landmarks: LandmarkSet, fitter: Fitter, size: int = PART) -> Iterator[FittedHands]:
+    """Yield the hands in order as they are fitted; hands with too few landmarks keep their positions.
+
+    Args:
+        landmarks: The hands' landmarks.
+        fitter: Fits the hands of one part.
+        size: Hands per part.
+    """
+    parts = landmarks.parts(size)
+    total = -(-len(landmarks) // size)
+    for part in with_progress(parts, total, f"Fitting {len(landmarks)} hands, {size} at a time"):
+        crops, usable = to_crops(part), part.usable
+        found = fitter(crops.batch.select(usable))
+        # A fit has the σ that it was told; without a loss it is a lifter's answer, with σ of its own.
+        own = not found.loss
+        yield fitted_hands(part, crops, found.prediction, found.loss, has_sigma=own)
