@@ -1,1 +1,1 @@
-"""How good a reconstruction is: alignment, the benchmarks' protocols, metrics (Sec. 4.1)."""
+"""Metrics of reconstructed hands: alignment, 3D and 2D errors, plausibility, calibration (Sec. 4.1)."""

@@ -1,8 +1,8 @@
-"""Moving a prediction onto the ground truth before it is scored (Sec. 4.1, evaluation metrics).
+"""Alignment of a prediction with its ground truth before it is scored (Sec. 4.1, evaluation metrics).
 
-The benchmarks align by a similarity that may mirror the hand (`align_official`): a left hand
-predicted for a right one, or a hand flipped in depth, then scores a perfect zero. `align_proper`
-allows rotations only. The two agree for every prediction that is not closer to the mirrored hand.
+The benchmarks align by a similarity transform that may mirror the hand (`align_official`): a left hand
+predicted for a right one, or a hand flipped in depth, then has no error. `align_proper` allows rotations
+only. The two agree unless the prediction is closer to the mirrored hand.
 """
 
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ WRIST: Final[int] = LANDMARKS.index("wrist")
 """The landmark at the root of root-relative errors."""
 
 NORM_OFFSET: Final = 1e-8
-"""What the benchmarks add to each norm so that a point-like prediction divides by no zero."""
+"""Added to each norm by the benchmarks' scripts, against division by zero; in the points' unit."""
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """A rotation (or reflection), a scale and a translation, one of each per hand."""
+    """Similarity transform of each hand: rotation (or reflection), scale and translation."""
 
     rotation: Float[Tensor, "*batch 3 3"]
-    """Orthogonal; its determinant is −1 where it mirrors the hand."""
+    """Orthogonal matrix; its determinant is −1 where it mirrors the hand."""
     scale: Float[Tensor, "*batch"]
-    """Factor, without unit."""
+    """Scale factor, without unit."""
     source: Float[Tensor, "*batch 3"]
     """Centroid of the prediction, in the points' unit."""
     target: Float[Tensor, "*batch 3"]
@@ -36,11 +36,11 @@ class Similarity:
 
     @property
     def mirrors(self) -> Bool[Tensor, "*batch"]:
-        """Which hands it turns into their mirror images."""
+        """Hands that the transform mirrors."""
         return torch.linalg.det(self.rotation) < 0
 
     def apply(self, points: Float[Tensor, "*batch point 3"]) -> Float[Tensor, "*batch point 3"]:
-        """Move points of the prediction to where the ground truth is."""
+        """Transform points of the prediction into the ground truth's frame."""
         matrix = self.scale[..., None, None] * self.rotation.mT
         return (points - self.source[..., None, :]) @ matrix + self.target[..., None, :]
 
@@ -51,16 +51,16 @@ def fit_similarity(
     *,
     reflections: bool,
 ) -> Similarity:
-    """The similarity that takes the prediction nearest to the ground truth, in least squares.
+    """Least-squares similarity transform from the prediction to the ground truth.
 
     Procrustes analysis (Schönemann 1966; the determinant's sign as in Kabsch 1976 and Umeyama
-    1991), with the benchmarks' offset of 1e-8 on each norm. It is fitted in double precision. A
-    prediction without extent goes to the ground truth's centroid.
+    1991), with the benchmarks' offset of 1e-8 on each norm, in double precision. A prediction whose
+    points are all equal is moved to the ground truth's centroid.
 
     Args:
         ground_truth: Any unit and frame; the offset makes the last digits depend on the unit.
         prediction: The same points in the same unit.
-        reflections: Whether the hand may be mirrored, as the official scripts do.
+        reflections: Whether the hand may be mirrored, as in the official scripts.
     """
     ground_truth, prediction = ground_truth.double(), prediction.double()
     target, source = ground_truth.mean(dim=-2), prediction.mean(dim=-2)
@@ -70,13 +70,15 @@ def fit_similarity(
     prediction_norm = torch.linalg.matrix_norm(centred_prediction) + NORM_OFFSET
     correlation = centred_ground_truth.mT @ centred_prediction
     correlation = correlation / (ground_truth_norm * prediction_norm)[..., None, None]
-    left, stretches, right = torch.linalg.svd(correlation)
+    left, singular_values, right = torch.linalg.svd(correlation)
     if not reflections:
-        # The least important axis is turned round wherever the best fit would be a reflection.
+        # Where the best fit is a reflection, the axis of the smallest singular value is negated.
         sign = torch.sign(torch.linalg.det(left @ right))
-        stretches = torch.cat([stretches[..., :2], stretches[..., 2:] * sign[..., None]], dim=-1)
+        singular_values = torch.cat(
+            [singular_values[..., :2], singular_values[..., 2:] * sign[..., None]], dim=-1
+        )
         left = torch.cat([left[..., :2], left[..., 2:] * sign[..., None, None]], dim=-1)
-    scale = stretches.sum(dim=-1) * ground_truth_norm / prediction_norm
+    scale = singular_values.sum(dim=-1) * ground_truth_norm / prediction_norm
     return Similarity(rotation=left @ right, scale=scale, source=source, target=target)
 
 
@@ -86,7 +88,7 @@ def align_official(
     """Align as the scripts of FreiHAND, HO3D and DexYCB do: reflections are allowed.
 
     Returns:
-        The prediction on the ground truth, in double precision.
+        The aligned prediction, in double precision.
     """
     return fit_similarity(ground_truth, prediction, reflections=True).apply(prediction.double())
 
@@ -94,10 +96,10 @@ def align_official(
 def align_proper(
     ground_truth: Float[Tensor, "*batch point 3"], prediction: Float[Tensor, "*batch point 3"]
 ) -> Float[Tensor, "*batch point 3"]:
-    """Align by rotation, scale and translation only, so that a mirrored hand cannot hide.
+    """Align by rotation, scale and translation only: a mirrored hand keeps its error.
 
     Returns:
-        The prediction on the ground truth, in double precision.
+        The aligned prediction, in double precision.
     """
     return fit_similarity(ground_truth, prediction, reflections=False).apply(prediction.double())
 
@@ -105,7 +107,7 @@ def align_proper(
 def root_relative(
     points: Float[Tensor, "*batch point 3"], root: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch point 3"]:
-    """Points as seen from a root: neither turned nor scaled; in double precision."""
+    """Points relative to a root, neither rotated nor scaled, in double precision."""
     return points.double() - root.double()[..., None, :]
 
 
@@ -113,12 +115,12 @@ def align_scale_translation(
     ground_truth: Float[Tensor, "*batch landmark=21 3"],
     prediction: Float[Tensor, "*batch landmark=21 3"],
 ) -> Float[Tensor, "*batch landmark=21 3"]:
-    """HO3D's alignment: as long from wrist to middle MCP as the ground truth, wrist upon wrist.
+    """Align by scale and translation as HO3D's script does: equal wrist-to-middle-MCP length, equal wrist.
 
-    A prediction without that length keeps its scale, as in the current official script.
+    A prediction whose length is zero keeps its scale, as in the current official script.
 
     Returns:
-        The prediction on the ground truth, in double precision.
+        The aligned prediction, in double precision.
     """
     ground_truth, prediction = ground_truth.double(), prediction.double()
     length = _palm_length(prediction)

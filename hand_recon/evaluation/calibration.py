@@ -1,7 +1,7 @@
-"""Whether a predicted σ means what it says: coverage, ranks, reliability, sparsification (Sec. 3.3).
+"""Calibration of the predicted σ: coverage, rank correlation, reliability, sparsification (Sec. 3.3).
 
-The paper shows ellipses and ranked pictures (Fig. 4); these are numbers for the same. Coverage asks
-whether σ is right on the whole, ranks whether it is large where the error or the label's noise is.
+The paper shows ellipses and ranked images (Fig. 4); these metrics put them into numbers. Coverage measures
+whether σ has the right scale, rank correlations whether it is large where the error or the label noise is.
 """
 
 import math
@@ -18,9 +18,9 @@ COVERAGE_LEVELS: Final = tuple(level / 20 for level in range(1, 20))
 
 
 def spearman(first: Float[Tensor, " value"], second: Float[Tensor, " value"]) -> Float[Tensor, ""]:
-    """Rank correlation, −1 to 1; equal values share the mean of their ranks.
+    """Spearman's rank correlation, −1 to 1; equal values share the mean of their ranks.
 
-    NaN where it means nothing: where all values of one side are equal, or there are none.
+    NaN where all values of one side are equal, or there are none.
     """
     ranks = torch.stack([_ranks(first.double()), _ranks(second.double())])
     centred = ranks - ranks.mean(dim=-1, keepdim=True)
@@ -37,14 +37,14 @@ def _ranks(values: Float[Tensor, " value"]) -> Float[Tensor, " value"]:
 def reliability_curve(
     standardised: Float[Tensor, " value"], levels: Float[Tensor, " level"]
 ) -> Float[Tensor, " level"]:
-    """Share of errors inside the interval in which a Gaussian would have a given share of them.
+    """Observed coverage of a Gaussian's central intervals at given nominal coverages.
 
     Args:
-        standardised: Errors over their predicted σ; at least one.
-        levels: Nominal shares, 0 to 1.
+        standardised: Errors divided by their predicted σ; at least one.
+        levels: Nominal coverages, 0 to 1.
 
     Returns:
-        The share really inside for each level: the level itself where σ is right.
+        Share of errors inside each interval, 0 to 1; equal to the level where σ is right.
     """
     halves = math.sqrt(2.0) * torch.erfinv(levels.double())
     ordered = standardised.double().abs().sort().values
@@ -61,10 +61,10 @@ def expected_calibration_error(standardised: Float[Tensor, " value"]) -> Float[T
 def sparsification_error(
     error: Float[Tensor, " value"], sigma: Float[Tensor, " value"]
 ) -> Float[Tensor, ""]:
-    """AUSE: what is lost by discarding the largest σ first and not the largest error (Ilg et al. 2018).
+    """Area between the sparsification curves by σ and by the error itself (AUSE, Ilg et al. 2018).
 
-    Zero if σ orders the errors perfectly. Both curves are mean errors of what is left, over the mean
-    of all; among equal σ no order is preferred.
+    A curve is the mean error of the values that remain while the largest are discarded one by one,
+    divided by the mean of all. Zero if σ orders the errors perfectly; equal σ share their mean error.
 
     Args:
         error: Absolute errors, any unit; not all zero.
@@ -82,21 +82,21 @@ def sparsification_error(
 
 
 class Calibration(PerSampleMetric):
-    """How the predicted σ compare with residuals and, where it is known, with the labels' noise.
+    """Calibration of the predicted σ against residuals and, where it is known, label noise.
 
     `coverage_1sigma` and `coverage_2sigma` are shares of labelled coordinates whose residual is
     within one and two σ: 0.683 and 0.954 for a Gaussian (0.757 and 0.941 for a Laplace distribution).
-    `ECE` is the mean gap between nominal and true coverage over all levels. The others are over
-    labelled landmarks, of which σ is the root mean square of the two coordinates' and the error the
-    length of the residual: `rank_sigma_error` and `rank_sigma_noise` are Spearman's, `AUSE` is the
-    area between the sparsification curves. `sigma_median` is over coordinates, pixels of the 224 crop.
+    `ECE` is the mean gap between nominal and observed coverage over all levels. The others are per
+    labelled landmark, with the root mean square of its two coordinates' σ and the length of its residual:
+    `rank_sigma_error` and `rank_sigma_noise` are Spearman's rank correlations, `AUSE` is the area between
+    the sparsification curves. `sigma_median` is over coordinates, pixels of the 224 crop.
 
-    What has no meaning is absent: everything without labels, the ranks where one side is constant,
-    `rank_sigma_noise` where no label's noise is known.
+    Undefined scores are absent: all without labels, rank correlations where one side is constant,
+    `rank_sigma_noise` where no label noise is known.
     """
 
     def __init__(self) -> None:
-        """Start without samples."""
+        """Create an empty metric."""
         super().__init__({"residual": 42, "log_sigma": 42, "label_noise": 21})
 
     def update(
@@ -107,14 +107,14 @@ class Calibration(PerSampleMetric):
         label_noise: Float[Tensor, "hand landmark=21"] | None,
         index: Int[Tensor, " hand"],
     ) -> None:
-        """Take in a batch.
+        """Add a batch.
 
         Args:
-            residual: Projection minus label, pixels of the 224 crop; anything where unlabelled.
-            log_sigma: Predicted logarithm of σ, in these pixels.
-            labelled: Which landmarks have a label.
+            residual: Projection minus label, pixels of the 224 crop; any value where unlabelled.
+            log_sigma: Predicted natural logarithm of σ in these pixels.
+            labelled: Landmarks that have a label.
             label_noise: Standard deviation of each label's noise, in these pixels; NaN where unknown.
-            index: Position of each sample in its dataset: one that comes twice counts once.
+            index: Position of each sample in its dataset: a repeated sample counts once.
 
         Raises:
             ValueError: A log σ, or the residual of a label, is not finite.

@@ -1,4 +1,4 @@
-"""All that is measured of a reconstruction, as far as the labels allow (Sec. 4.1)."""
+"""All metrics of a reconstruction that its labels allow (Sec. 4.1)."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ from hand_recon.schema import HandBatch, HandPrediction
 
 
 class Scores(nn.Module):
-    """2D error, plausibility and calibration always; 3D errors where there is ground truth.
+    """2D error, plausibility and calibration of every batch; 3D errors where there is ground truth.
 
     Args:
-        ranges: What a joint may do, for the violations; the same for every model that is compared.
+        ranges: Ranges of motion for the violations; the same for every model that is compared.
         non_penetration: Eq. 4 on the hand (`NonPenetration`), for the penetration rate; none leaves it out.
-        calibration: Whether the predictions' σ are their own. A fit's are what it was told.
+        calibration: Whether to score the predicted σ. A fit does not predict σ but takes it as given.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Scores(nn.Module):
         self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = torch.empty(0), {}
 
     def update(self, batch: HandBatch, prediction: HandPrediction) -> None:
-        """Score a batch."""
+        """Add a batch."""
         self.in_2d.update(
             prediction.landmarks_2d,
             batch.landmarks_2d,
@@ -71,7 +71,7 @@ class Scores(nn.Module):
             )
 
     def compute(self) -> dict[str, float]:
-        """Every score by name; those of each hand stay in `last_per_hand` after a reset too."""
+        """Every score by name; `last_per_hand` keeps the scores of each hand even after a reset."""
         in_3d = self.in_3d.compute() if self._has_3d else {}
         if self._has_3d:
             self.last_per_hand = self.in_3d.last_per_hand
@@ -79,13 +79,13 @@ class Scores(nn.Module):
         return in_3d | self.in_2d.compute() | self.plausibility.compute() | calibration
 
     def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Tensor]]:
-        """Indices of this process's hands and their 3D scores, report units; empty without ground truth."""
+        """Index and 3D scores of each hand of this process, in mm or 0 to 1; empty without ground truth."""
         if not self._has_3d:
             return torch.empty(0, dtype=torch.int64), {}
         return self.in_3d.per_hand()
 
     def reset(self) -> None:
-        """Forget every hand."""
+        """Remove all hands."""
         metrics: tuple[Any, ...] = (self.in_3d, self.in_2d, self.plausibility, self.calibration)
         for metric in metrics:
             if metric is not None:

@@ -1,4 +1,4 @@
-"""Error of the projected landmarks: what can be measured where there is no 3D ground truth."""
+"""2D error and PCK of the projected landmarks, which need no 3D ground truth."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
 
 PCK_THRESHOLDS: Final = (0.05, 0.1, 0.15)
-"""Shares of the crop's side within which a landmark is right: HInt's thresholds (CVPR 2024)."""
+"""PCK thresholds as shares of the crop's side: those of HInt (CVPR 2024)."""
 
 
 def landmark_error_2d(
@@ -23,8 +23,8 @@ def landmark_error_2d(
 
     Args:
         prediction: Projected landmarks, pixels of the crop.
-        labels: Labels, pixels of the crop; anything where there is none.
-        labelled: Which landmarks have a label.
+        labels: Labels, pixels of the crop; any value where there is none.
+        labelled: Landmarks that have a label.
         crop_size: Side of the crop, pixels.
     """
     distance = torch.linalg.vector_norm(prediction.double() - labels.double(), dim=-1)
@@ -36,12 +36,12 @@ class Landmarks2D(PerSampleMetric):
     """Mean error over all labelled landmarks (`E_2D`, pixels of the 224 crop) and PCK.
 
     `PCK@0.05` is the share of labelled landmarks within 5 % of the crop's side of their label.
-    Every label counts alike, so that a hand with few labels counts less. Without any label it is
-    empty.
+    Every label has the same weight, so that a hand with few labels counts less. Without labels the
+    result is empty.
     """
 
     def __init__(self) -> None:
-        """Start without samples."""
+        """Create an empty metric."""
         super().__init__({"landmarks": 2 + len(PCK_THRESHOLDS)})
 
     def update(
@@ -53,13 +53,13 @@ class Landmarks2D(PerSampleMetric):
         *,
         crop_size: int,
     ) -> None:
-        """Measure a batch.
+        """Add a batch.
 
         Args:
             prediction: Projected landmarks, pixels of the crop.
             labels: Labels, pixels of the crop.
-            labelled: Which landmarks have a label.
-            index: Position of each sample in its dataset: one that comes twice counts once.
+            labelled: Landmarks that have a label.
+            index: Position of each sample in its dataset: a repeated sample counts once.
             crop_size: Side of the crop, pixels.
 
         Raises:
@@ -68,13 +68,13 @@ class Landmarks2D(PerSampleMetric):
         require_finite("2D landmarks", prediction, index)
         # First to the CPU: not every accelerator knows double precision.
         errors = landmark_error_2d(prediction.cpu(), labels.cpu(), labelled.cpu(), crop_size)
-        # A comparison with NaN is false: a landmark without label is never right.
-        right = [(errors <= share * REFERENCE_SIZE).sum(dim=-1) for share in PCK_THRESHOLDS]
+        # A comparison with NaN is false: a landmark without label is never within a threshold.
+        within = [(errors <= share * REFERENCE_SIZE).sum(dim=-1) for share in PCK_THRESHOLDS]
         count = errors.isfinite().sum(dim=-1)
-        self.record(index, landmarks=torch.stack([errors.nansum(dim=-1), *right, count], dim=-1))
+        self.record(index, landmarks=torch.stack([errors.nansum(dim=-1), *within, count], dim=-1))
 
     def compute(self) -> dict[str, float]:
-        """Error and shares over the labelled landmarks of distinct samples.
+        """Mean error and PCK over the labelled landmarks of distinct samples.
 
         Raises:
             ValueError: An index is not unique.

@@ -1,7 +1,7 @@
-"""E_J, E_V, E_RV, MPJPE, AUC and F-scores over a dataset (Sec. 4.1, evaluation metrics).
+"""PA-MPJPE (E_J), PA-MPVPE (E_V), E_RV, MPJPE, AUC and F-scores over a dataset (Sec. 4.1, metrics).
 
-The number to compare follows the benchmarks' alignment, which may mirror a hand; `_proper` beside
-it follows the one that may not, so that a mirrored hand cannot hide; `_unaligned` is as predicted.
+Scores without suffix follow the benchmarks' alignment, which may mirror a hand; `_proper` ones an alignment
+without reflection, which shows a mirrored hand; `_unaligned` ones have no alignment.
 """
 
 from jaxtyping import Bool, Float, Int
@@ -18,31 +18,30 @@ from hand_recon.evaluation.scores import (
 )
 
 MILLIMETRES = 1000.0
-"""Per metre: errors are reported in millimetres."""
+"""Millimetres per metre: errors are reported in millimetres."""
 
 
 class HandMetrics(PerSampleMetric):
     """The paper's 3D metrics: every column of `LANDMARK_SCORES` and `VERTEX_SCORES`, averaged.
 
-    Errors in millimetres, AUC and F-scores from 0 to 1. A sample whose ground truth has a NaN is
-    left out, and how many were is said; the names of vertex metrics are absent where no ground
-    truth has vertices.
+    Errors in millimetres, AUC and F-scores from 0 to 1. Samples whose ground truth has a NaN are left
+    out with a warning; vertex metrics are absent where no ground truth has vertices.
     """
 
     def __init__(self) -> None:
-        """Start without samples."""
+        """Create an empty metric."""
         super().__init__({"landmarks": len(LANDMARK_SCORES), "vertices": len(VERTEX_SCORES)})
         self.last_per_hand: tuple[Tensor, dict[str, Tensor]] = self.per_hand()
 
     def update(
         self, prediction: HandPoints, ground_truth: HandPoints, index: Int[Tensor, " hand"]
     ) -> None:
-        """Score a batch.
+        """Add a batch.
 
         Args:
-            prediction: What was predicted; its vertices are needed where the truth has them.
-            ground_truth: Ground truth; NaN for samples without, no vertices for datasets without.
-            index: Position of each sample in its dataset: one that comes twice counts once.
+            prediction: Predicted points; vertices are needed where the ground truth has them.
+            ground_truth: Ground truth; NaN for samples without, no vertices for datasets without them.
+            index: Position of each sample in its dataset: a repeated sample counts once.
 
         Raises:
             ValueError: A prediction is not finite, or its vertices are absent or do not correspond.
@@ -61,17 +60,17 @@ class HandMetrics(PerSampleMetric):
         self.record(index, **rows)
 
     def compute(self) -> dict[str, float]:
-        """The mean over distinct samples of every score.
+        """Mean of every score over distinct samples.
 
         Raises:
             ValueError: Only some updates had ground-truth vertices, or an index is not unique.
         """
-        # Here, where every process has the rows of all.
+        # Here, because only now every process has the rows of all.
         self.last_per_hand = self.per_hand()
         return self._means("landmarks", LANDMARK_SCORES) | self._means("vertices", VERTEX_SCORES)
 
     def per_hand(self) -> tuple[Int[Tensor, " hand"], dict[str, Float[Tensor, " hand"]]]:
-        """Index and every score of every distinct sample, in the units of `compute`; NaN without truth."""
+        """Index and scores of every distinct sample, in the units of `compute`; NaN without ground truth."""
         columns: dict[str, Tensor] = {}
         tables = (("landmarks", LANDMARK_SCORES), ("vertices", VERTEX_SCORES))
         for table, names in tables:

@@ -1,8 +1,7 @@
-"""The base of every metric: rows of scores per sample, so that no sample counts twice.
+"""Base class of the metrics: rows of scores per sample, so that no sample counts twice.
 
-A distributed sampler repeats samples until every process has as many. Sums could not tell; so a
-metric keeps one small row per sample together with the sample's index, and averages over distinct
-indices.
+A distributed sampler repeats samples until every process has equally many, and a sum would count them twice.
+So a metric keeps one small row per sample with the sample's index, and averages over distinct indices.
 """
 
 from typing import Any, Final
@@ -13,14 +12,14 @@ from torch import Tensor
 from torchmetrics import Metric
 
 DISAGREEMENT: Final = 0.02
-"""How far rows of one sample may differ, over one plus their value: far more than by rounding."""
+"""Largest difference of two rows of one sample, over one plus their value; rounding stays far below."""
 
 
 class PerSampleMetric(Metric):
-    """Tables with one row per sample, exact under any distribution of the samples over processes.
+    """Metric that keeps tables with one row per sample, exact for any number of processes.
 
     A subclass names its tables, fills them with `record` and averages `distinct` rows in `compute`.
-    Sample indices must be unique in what one metric sees: one metric per dataset.
+    Sample indices must be unique within one metric: use one metric per dataset.
     """
 
     full_state_update = False
@@ -28,7 +27,7 @@ class PerSampleMetric(Metric):
     index: list[Int[Tensor, " sample"]]
 
     def __init__(self, tables: dict[str, int]) -> None:
-        """Set up empty tables.
+        """Create empty tables.
 
         Args:
             tables: Number of columns of each table, by name.
@@ -40,19 +39,19 @@ class PerSampleMetric(Metric):
         self._start()
 
     def reset(self) -> None:
-        """Forget every sample."""
+        """Remove all samples."""
         super().reset()
         self._start()
 
     def record(self, index: Int[Tensor, " sample"], **rows: Float[Tensor, "sample _"]) -> None:
-        """Append rows of some tables for the samples of an update."""
+        """Append rows to some tables for the samples of an update."""
         self.index.append(index.detach().to(self.device, torch.int64))
         for name, values in rows.items():
-            # Single precision is exact to 1e-7 of a value and known to every accelerator.
+            # Single precision is exact to 1e-7 of a value, and every accelerator has it.
             getattr(self, name).append(values.detach().to(self.device, torch.float32))
 
     def distinct(self, name: str) -> Float[Tensor, "sample column"]:
-        """The rows of a table, the first of each sample, in double precision on the CPU.
+        """Rows of a table, the first of each sample, in double precision on the CPU.
 
         Raises:
             ValueError: The table lacks rows of some samples, or two rows of one sample differ.
@@ -62,9 +61,9 @@ class PerSampleMetric(Metric):
             if len(rows) == 0:
                 return rows
             raise ValueError(
-                f"{len(index)} samples were seen, but only {len(rows)} of them with what "
+                f"{len(index)} samples were seen, but only {len(rows)} of them have what "
                 f"{type(self).__name__} needs for its {name.replace('_', ' ')}. Evaluate datasets "
-                "with and without that ground truth apart."
+                "with and without that ground truth separately."
             )
         unique, inverse = torch.unique(index, return_inverse=True)
         position = torch.arange(len(index))
@@ -73,36 +72,35 @@ class PerSampleMetric(Metric):
         return rows[first]
 
     def distinct_index(self) -> Int[Tensor, " sample"]:
-        """The index of each row of `distinct`."""
+        """Sample index of each row of `distinct`."""
         return torch.unique(_joined(self.index))
 
     def _check_agreement(self, rows: Tensor, expected: Tensor, index: Tensor) -> None:
         differs = ((rows - expected).abs() > DISAGREEMENT * (1 + expected.abs())).any(dim=-1)
         if differs.any():
             raise ValueError(
-                f"The samples {_some(index[differs].unique())} came twice with different scores, "
-                "so that an index names more than one sample. Use one metric per dataset."
+                f"The samples {_some(index[differs].unique())} came twice with different scores: "
+                "an index names more than one sample. Use one metric per dataset."
             )
 
     def _start(self) -> None:
-        # Not bare lists: a process without samples must gather what the others do, in type and
-        # width.
+        # Not empty lists: a process without samples must gather tensors of the others' type and width.
         self.index = [torch.empty(0, dtype=torch.int64, device=self.device)]
         for name, width in self._tables.items():
             setattr(self, name, [torch.empty(0, width, device=self.device)])
 
 
 def require_finite(name: str, values: Shaped[Tensor, "sample ..."], index: Tensor) -> None:
-    """Refuse predictions that are no numbers.
+    """Refuse predictions that are not finite.
 
     Raises:
-        ValueError: Some are not; the message names the samples.
+        ValueError: Some values are not finite; the message names their samples.
     """
     broken = ~values.flatten(start_dim=1).isfinite().all(dim=1)
     if broken.any():
         raise ValueError(
             f"The predicted {name} of the samples {_some(index[broken.to(index.device)])} are not "
-            "finite. Such a prediction has no score; find out which input or weight made it."
+            "finite; only finite predictions have scores. Check these inputs and the model's weights."
         )
 
 

@@ -1,6 +1,6 @@
-"""How natural predicted hands are: joints outside their ranges, and skin inside the hand (Table 1, PR).
+"""Plausibility of predicted hands: violated ranges of motion, and penetration rate (Table 1, PR).
 
-Neither needs ground truth, so that they are measured on any picture.
+Neither needs ground truth, so that both are measured on any image.
 """
 
 import math
@@ -14,30 +14,30 @@ from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
 from hand_recon.knowledge.ranges import RangeOfMotion
 
 ROM_TOLERANCE: Final = math.radians(22.5)
-"""How far beyond its range a joint may be before the hand counts as unnatural, radians.
+"""Largest range violation of a joint at which a hand still counts as natural, radians.
 
-The tables hold means of active motion, which half of all people exceed. This is two standard deviations
-between people: the sixteen of Latz et al. (Hand 14, 2019: four bounds of four fingers) are 11.2° on average.
-`docs/ranges.md` has what it does to natural and unnatural hands.
+The tables hold means of active motion, which half of all people exceed. The tolerance is two standard
+deviations between people: the sixteen of Latz et al. (Hand 14, 2019: four bounds of four fingers) are 11.2°
+on average. `docs/ranges.md` has its effect on natural and unnatural hands.
 """
 
 
 @runtime_checkable
 class Penetration(Protocol):
-    """What `Plausibility` needs of `hand_recon.knowledge.penetration.non_penetration.NonPenetration`."""
+    """Interface of `hand_recon.knowledge.penetration.non_penetration.NonPenetration` for `Plausibility`."""
 
     tolerance: float
-    """Depth that soft skin takes, metres."""
+    """Depth up to which a vertex does not count as penetrating (soft skin), metres."""
 
     def depths(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Float[Tensor, "*batch vertex"]:
-        """How deep each vertex is inside the hand, metres; 0 outside."""
+        """Depth of each vertex inside the hand, metres; 0 outside."""
         ...
 
 
 def range_violation(
     joint_angles: Float[Tensor, "*batch joint=15 axis=3"], ranges: RangeOfMotion
 ) -> Float[Tensor, "*batch"]:
-    """The largest angle by which a joint of each hand is outside its range, radians; 0 inside.
+    """Largest angle by which a joint of each hand is outside its range, radians; 0 inside.
 
     Args:
         joint_angles: Bend, splay and twist of each joint, radians.
@@ -49,19 +49,19 @@ def range_violation(
 
 
 class Plausibility(PerSampleMetric):
-    """Percentage of penetrating hands (`PR`), and of hands that violate a range (`ROM`).
+    """Penetration rate (`PR`) and rate of hands that violate a range of motion (`ROM`), percent.
 
     A hand violates a range when a joint is beyond it by more than `ROM_TOLERANCE`. `ROM_degrees` is the mean
-    over hands of the largest violation, without tolerance. Ranges are the table's own, never those that
-    Eq. 2–3 refine: one yardstick for every prior.
+    over hands of the largest violation, without tolerance. The ranges are the table's own, not those that
+    Eq. 2–3 refine, so that every prior is measured alike.
     """
 
     def __init__(self, ranges: RangeOfMotion, non_penetration: Penetration | None = None) -> None:
-        """Start without samples.
+        """Create an empty metric.
 
         Args:
-            ranges: Ranges of motion of the hand at hand.
-            non_penetration: Measures depths; without it there is no `PR`.
+            ranges: Ranges of motion of the hand.
+            non_penetration: Measures the vertices' depths; without it there is no `PR`.
         """
         super().__init__({"violation": 1, "depth": 1})
         self.ranges = ranges
@@ -73,12 +73,12 @@ class Plausibility(PerSampleMetric):
         vertices: Float[Tensor, "hand vertex 3"],
         index: Int[Tensor, " hand"],
     ) -> None:
-        """Measure a batch.
+        """Add a batch.
 
         Args:
             joint_angles: Bend, splay and twist of each joint, radians.
-            vertices: The posed surface in any frame, metres.
-            index: Position of each sample in its dataset: one that comes twice counts once.
+            vertices: Posed surface in any frame, metres.
+            index: Position of each sample in its dataset: a repeated sample counts once.
 
         Raises:
             ValueError: A prediction is not finite.

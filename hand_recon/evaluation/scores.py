@@ -1,7 +1,6 @@
-"""Every score of every hand, before any averaging: the columns of the metrics (Sec. 4.1).
+"""3D scores of single hands: errors, areas under the PCK curve, F-scores (Sec. 4.1).
 
-Scored in double precision on the CPU: on any device the numbers are the same, and the official
-ones.
+Computed in double precision on the CPU, so that the numbers are the official ones on any device.
 """
 
 from collections.abc import Callable
@@ -22,7 +21,7 @@ LANDMARK_SCORES: Final = (
     "E_J_unaligned", "AUC_J_unaligned",
     "MPJPE",
 )  # fmt: skip
-"""The columns of `landmark_scores`. Errors in metres, areas 0 to 1."""
+"""Columns of `landmark_scores`. Errors in metres, areas 0 to 1."""
 
 VERTEX_SCORES: Final = (
     "E_V", "AUC_V", "F@5", "F@15",
@@ -30,15 +29,15 @@ VERTEX_SCORES: Final = (
     "E_V_unaligned", "AUC_V_unaligned", "F@5_unaligned", "F@15_unaligned",
     "E_RV",
 )  # fmt: skip
-"""The columns of `vertex_scores`. Errors in metres, areas and F-scores 0 to 1."""
+"""Columns of `vertex_scores`. Errors in metres, areas and F-scores 0 to 1."""
 
 CHUNK: Final = 64
-"""Hands scored together, so that intermediate results stay in the cache."""
+"""Hands scored together, few enough for the cache."""
 
 
 @dataclass(frozen=True)
 class HandPoints:
-    """The points of hands that are scored."""
+    """Landmarks and vertices of hands to be scored."""
 
     landmarks: Float[Tensor, "hand landmark=21 3"]
     """In the order of `hand_recon.hand.skeleton.LANDMARKS`, metres."""
@@ -49,12 +48,12 @@ class HandPoints:
         return len(self.landmarks)
 
     def __getitem__(self, hands: Tensor | slice) -> Self:
-        """Some of the hands."""
+        """Select hands."""
         vertices = None if self.vertices is None else self.vertices[hands]
         return type(self)(landmarks=self.landmarks[hands], vertices=vertices)
 
     def double(self) -> Self:
-        """The same points outside the graph, in double precision, on the CPU."""
+        """Detach the points, in double precision on the CPU."""
         # First to the CPU: not every accelerator knows double precision.
         vertices = None if self.vertices is None else self.vertices.detach().cpu().double()
         return type(self)(landmarks=self.landmarks.detach().cpu().double(), vertices=vertices)
@@ -63,11 +62,11 @@ class HandPoints:
 def landmark_scores(
     ground_truth: HandPoints, prediction: HandPoints
 ) -> Float[Tensor, "hand score"]:
-    """The columns of `LANDMARK_SCORES`.
+    """Scores of the landmarks of each hand, the columns of `LANDMARK_SCORES`.
 
-    E_J and AUC_J follow the official alignment, `_proper` the one without reflections, `_unaligned`
-    none. MPJPE is relative to the wrist, neither turned nor scaled, as DexYCB's root-relative
-    error.
+    E_J (PA-MPJPE) and AUC_J follow the official alignment, `_proper` ones an alignment without
+    reflections, `_unaligned` ones none. MPJPE is relative to the wrist, neither rotated nor scaled, as
+    DexYCB's root-relative error.
     """
     ground_truth, prediction = ground_truth.double(), prediction.double()
     with _full_precision():
@@ -80,13 +79,13 @@ def landmark_scores(
 
 
 def vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Float[Tensor, "hand score"]:
-    """The columns of `VERTEX_SCORES`.
+    """Scores of the vertices of each hand, the columns of `VERTEX_SCORES`.
 
-    Named as in `landmark_scores`; the vertices are aligned by themselves. E_RV is relative to the
-    wrist landmark, neither turned nor scaled.
+    Named as in `landmark_scores`; E_V is PA-MPVPE. The vertices are aligned without the landmarks. E_RV
+    is relative to the wrist landmark, neither rotated nor scaled.
 
     Raises:
-        ValueError: Vertices are absent, or do not correspond.
+        ValueError: Vertices are absent, or their numbers differ.
     """
     _check_vertices(ground_truth, prediction)
     chunks = zip(_chunks(ground_truth.double()), _chunks(prediction.double()), strict=True)
@@ -95,7 +94,7 @@ def vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Float[Ten
 
 
 def _full_precision() -> torch.autocast:
-    """A trainer's mixed precision must not reach the scores: its matrix products have three digits."""
+    """Context without mixed precision, whose matrix products have only three digits."""
     return torch.autocast("cpu", enabled=False)
 
 
@@ -112,10 +111,10 @@ def _vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Tensor:
 def _aligned_scores(
     ground_truth: Tensor, prediction: Tensor, score: Callable[[Tensor, Tensor], Tensor]
 ) -> Tensor:
-    """One kind of scores after the official alignment, the proper one and none, side by side."""
+    """Scores after the official alignment, after the one without reflections, and without alignment."""
     official = fit_similarity(ground_truth, prediction, reflections=True)
     official_scores = score(ground_truth, official.apply(prediction))
-    # The two fits are one where the official one is no reflection: nearly everywhere.
+    # The two alignments differ only where the official one is a reflection, which is rare.
     proper_scores = official_scores.clone()
     mirrored = official.mirrors
     if mirrored.any():
@@ -137,7 +136,9 @@ def _errors_area_and_agreement(ground_truth: Tensor, prediction: Tensor) -> Tens
 
 def _surface(points: HandPoints) -> Tensor:
     if points.vertices is None:
-        raise ValueError("Cannot score a surface without vertices; score the landmarks alone.")
+        raise ValueError(
+            "Vertex scores were asked for, but there are points without vertices; score the landmarks alone."
+        )
     return points.vertices
 
 

@@ -60,9 +60,9 @@ def test_each_row_is_that_hand_alone(
     together = scores(hand)
     together.update(batch, prediction)
     index, columns = together.per_hand()
-    for row, place in enumerate(index.tolist()):
+    for row, sample in enumerate(index.tolist()):
         alone = scores(hand)
-        which = torch.tensor([place])
+        which = torch.tensor([sample])
         alone.update(batch.select(which), prediction.select(which))
         assert float(columns["E_J"][row]) == pytest.approx(alone.compute()["E_J"], rel=1e-5)
 
