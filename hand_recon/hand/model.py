@@ -181,6 +181,10 @@ class HandModel(nn.Module):
         light.faces, light.wrist_ring = self.faces[:0], self.wrist_ring[:0]
         return light
 
+    def neutral_angles(self) -> Float[Tensor, "joint=15 axis=3"]:
+        """Joint angles of the anatomical neutral, all zero."""
+        return torch.zeros_like(self.rest_angles)
+
 
 def transform(
     hand: HandGeometry,

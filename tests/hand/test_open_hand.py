@@ -119,7 +119,7 @@ def test_frames_are_right_handed_and_orthonormal_with_twist_along_the_bone(hand:
 def test_fingers_are_straight_and_parallel_to_the_third_metacarpal_at_neutral(
     hand: HandModel,
 ) -> None:
-    joints = hand(torch.zeros_like(hand.rest_angles), torch.zeros(10)).joints
+    joints = hand(hand.neutral_angles(), torch.zeros(10)).joints
     third = torch.nn.functional.normalize(joints[4] - joints[0], dim=0)
     for base in (1, 4, 7, 10):
         bones = torch.nn.functional.normalize(joints[base : base + 3].diff(dim=0), dim=-1)
@@ -128,11 +128,10 @@ def test_fingers_are_straight_and_parallel_to_the_third_metacarpal_at_neutral(
 
 @pytest.mark.parametrize("joint", [name for name in JOINTS[1:] if not name.startswith("thumb")])
 def test_a_positive_bend_brings_the_fingertip_towards_the_palm(hand: HandModel, joint: str) -> None:
-    angles = torch.zeros_like(hand.rest_angles)
+    angles = hand.neutral_angles()
     angles[JOINTS.index(joint) - 1, 0] = 0.3
     tip = LANDMARKS.index(f"{joint.split()[0]} tip")
-    bent = hand(angles, torch.zeros(10))
-    straight = hand(torch.zeros_like(angles), torch.zeros(10))
+    bent, straight = hand(angles, torch.zeros(10)), hand(hand.neutral_angles(), torch.zeros(10))
     assert float(bent.landmarks[tip, 1] - straight.landmarks[tip, 1]) < -0.004
 
 
@@ -140,16 +139,15 @@ def test_a_positive_bend_brings_the_fingertip_towards_the_palm(hand: HandModel, 
 def test_a_positive_splay_brings_the_fingertip_towards_the_thumb(
     hand: HandModel, finger: str
 ) -> None:
-    angles = torch.zeros_like(hand.rest_angles)
+    angles = hand.neutral_angles()
     angles[JOINTS.index(f"{finger} MCP") - 1, 1] = 0.3
     tip = LANDMARKS.index(f"{finger} tip")
-    splayed = hand(angles, torch.zeros(10))
-    straight = hand(torch.zeros_like(angles), torch.zeros(10))
+    splayed, straight = hand(angles, torch.zeros(10)), hand(hand.neutral_angles(), torch.zeros(10))
     assert float(splayed.landmarks[tip, 2] - straight.landmarks[tip, 2]) > 0.01
 
 
 def test_nothing_penetrates_at_rest_or_at_neutral(hand: HandModel) -> None:
-    for angles in (hand.rest_angles, torch.zeros_like(hand.rest_angles)):
+    for angles in (hand.rest_angles, hand.neutral_angles()):
         vertices = hand(angles, torch.zeros(10)).vertices
         numbers = _winding_numbers(_capped(ASSET, vertices), vertices.numpy())
         assert numbers.max() < INSIDE

@@ -1,7 +1,7 @@
-"""From the user's own MANO download to files that hold numbers alone: read, recognised, checked, written.
+"""Conversion of the user's MANO download to files that hold only numbers (`store.py`).
 
-Nothing of the download is run (`mano_pickle.py`), nothing is unpacked to disk, and nothing of MANO goes
-anywhere but into the folder that the user names.
+No code in the download is run (`pickle_file.py`), nothing is unpacked to disk, and MANO's numbers are written
+only to the folder that the user names.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ KEYS: Final = {
     "hands_mean": "hands_mean",
     "hands_components": "hands_components",
 }
-"""What the arrays are called in MANO's pickle; `kintree_table` is checked too, and the rest is not read."""
+"""Names of the arrays in MANO's pickle; `kintree_table` is checked too, other entries are not read."""
 
 SHAPES: Final = {
     "v_template": (778, 3),
@@ -57,26 +57,26 @@ OTHER_MODELS: Final = {
     10475: "SMPL-X, a body",
     5023: "FLAME, a head",
 }
-"""What a template of that many vertices is."""
+"""Other models, recognised by their number of vertices."""
 
 
 def prepare_mano(source: Path, folder: Path) -> list[Path]:
     """Convert the hands in a download and write one file for each.
 
-    The left hand's shape directions are stored as they are, with what they are found to be; whether to
-    mend them is decided when the hand is loaded (`load_mano`).
+    The left hand's shape directions are stored unchanged, together with their state (`LeftShape`);
+    `load_mano` decides whether to correct them.
 
     Args:
-        source: `mano_v1_2.zip`, or one of the pickles in it, or such a pickle saved anew without chumpy.
-        folder: Where to write `MANO_RIGHT.safetensors` and `MANO_LEFT.safetensors`.
+        source: `mano_v1_2.zip`, one of its pickles, or such a pickle saved again without chumpy.
+        folder: Folder for `MANO_RIGHT.safetensors` and `MANO_LEFT.safetensors`.
 
     Returns:
-        The files, whether written now or found with the same content.
+        Paths of the files, including those that already existed with the same content.
 
     Raises:
-        FileNotFoundError: There is no such source.
-        ValueError: The source is something else, and what; or it asks to run something.
-        FileExistsError: The folder has another hand under that name.
+        FileNotFoundError: The source does not exist.
+        ValueError: The source is another kind of file, or a pickle that names functions MANO does not use.
+        FileExistsError: The folder holds another hand under that name.
     """
     files = {}
     for name, data in _pickles_of(source):
@@ -97,14 +97,14 @@ def prepare_mano(source: Path, folder: Path) -> list[Path]:
 
 
 def convert_pickle(data: bytes, name: str) -> ManoFile:
-    """Read, recognise and check one of MANO's pickles.
+    """Read and check one of MANO's pickles.
 
     Args:
-        data: Its content.
-        name: Its name, for messages and to check the side against.
+        data: Content of the pickle.
+        name: File name, for messages and to check the side.
 
     Raises:
-        ValueError: It is something else, or not whole.
+        ValueError: The content is not a MANO hand, or is damaged.
     """
     found = _arrays_of(load_pickle(data, name), name)
     _check_shapes(found, name)
@@ -132,7 +132,7 @@ def convert_pickle(data: bytes, name: str) -> ManoFile:
 
 
 def wrist_ring_of(faces: Int[np.ndarray, "face 3"], name: str) -> Int[np.ndarray, " ring=16"]:
-    """The open boundary in the order in which a cap's triangles traverse it, lowest vertex first.
+    """Vertices of the open boundary in the order in which a cap's triangles go round it, lowest index first.
 
     Raises:
         ValueError: The open edges are not one ring of 16.
@@ -153,12 +153,12 @@ def wrist_ring_of(faces: Int[np.ndarray, "face 3"], name: str) -> Int[np.ndarray
 
 
 def _pickles_of(source: Path) -> Iterator[tuple[str, bytes]]:
-    """The names and contents of the pickles to convert."""
+    """Names and contents of the pickles to convert."""
     if not source.is_file():
-        raise FileNotFoundError(f"No file {source.absolute()}. Wanted is {WANTED}.")
+        raise FileNotFoundError(f"No file {source.absolute()}. Expected {WANTED}.")
     if not zipfile.is_zipfile(source):
         if source.stat().st_size > MAX_BYTES:
-            raise ValueError(f"{source} is larger than any MANO file. Wanted is {WANTED}.")
+            raise ValueError(f"{source} is larger than any MANO file. Expected {WANTED}.")
         yield str(source), source.read_bytes()
         return
     with zipfile.ZipFile(source) as archive:
@@ -166,28 +166,31 @@ def _pickles_of(source: Path) -> Iterator[tuple[str, bytes]]:
         if entries and all(entry.filename.endswith(".npy") for entry in entries):
             raise ValueError(
                 f"{source} is an archive of NumPy arrays {[entry.filename for entry in entries][:5]}, "
-                f"such as mano_mean_params.npz, and not the hand model. Wanted is {WANTED}."
+                f"such as mano_mean_params.npz, and not the hand model. Expected {WANTED}."
             )
         hands = [entry for entry in entries if _is_hand(entry.filename)]
         if not hands or len({PurePosixPath(entry.filename).name for entry in hands}) < len(hands):
             raise ValueError(
                 f"{source} holds {[entry.filename for entry in hands] or 'no MANO_RIGHT.pkl'}, expected "
-                f"one MANO_RIGHT.pkl and one MANO_LEFT.pkl. Wanted is {WANTED}."
+                f"one MANO_RIGHT.pkl and one MANO_LEFT.pkl. Use {WANTED}."
             )
         for entry in hands:
             if entry.file_size > MAX_BYTES:
-                raise ValueError(f"{entry.filename} in {source} is larger than any MANO file.")
+                raise ValueError(
+                    f"{entry.filename} in {source} has {entry.file_size} bytes, expected at most "
+                    f"{MAX_BYTES}. Download MANO again."
+                )
             yield f"{source}/{entry.filename}", archive.read(entry)
 
 
 def _is_hand(filename: str) -> bool:
-    # Archives made on a Mac hold a second, empty shadow of every file.
+    # Archives made on macOS hold a second entry for every file, in the folder __MACOSX.
     path = PurePosixPath(filename)
     return path.name in ("MANO_RIGHT.pkl", "MANO_LEFT.pkl") and "__MACOSX" not in path.parts
 
 
 def _arrays_of(content: dict[str, object], name: str) -> dict[str, np.ndarray]:
-    """The arrays that are needed, or an error that says what the file is instead."""
+    """Extract the arrays of `KEYS`, or raise an error that says what the file holds instead."""
     missing = [key for key in (*KEYS.values(), "kintree_table") if key not in content]
     vertices = 0
     if "v_template" in content:
@@ -198,7 +201,7 @@ def _arrays_of(content: dict[str, object], name: str) -> dict[str, np.ndarray]:
             found = f"is {OTHER_MODELS.get(vertices, 'another model')} ({vertices} vertices)"
         elif missing:
             found += f" without {missing}"
-        raise ValueError(f"{name} {found}: not MANO's hand. Wanted is {WANTED}.")
+        raise ValueError(f"{name} {found}: not MANO's hand. Expected {WANTED}.")
     wanted = (*KEYS.values(), "kintree_table")
     return {key: _array(content[key], key, name) for key in wanted}
 
@@ -212,7 +215,7 @@ def _array(value: object, key: str, name: str) -> np.ndarray:
 
 
 def _check_shapes(found: dict[str, np.ndarray], name: str) -> None:
-    """Refuse what has MANO's names and not its shapes."""
+    """Raise an error if an array does not have MANO's shape."""
     shapes = {key: found[key].shape for key in SHAPES}
     wrong = {key: shape for key, shape in shapes.items() if shape != SHAPES[key]}
     shape_directions = found["shapedirs"].shape
@@ -224,10 +227,12 @@ def _check_shapes(found: dict[str, np.ndarray], name: str) -> None:
 
 
 def _check_numbers(found: dict[str, np.ndarray], name: str) -> None:
-    """Refuse what has MANO's shapes and not its skeleton."""
+    """Raise an error if the numbers are not finite or the skeleton, weights or faces are not MANO's."""
     for key, array in found.items():
         if not np.isfinite(array).all():
-            raise ValueError(f"{name}: {key} holds numbers that are not finite. Download it again.")
+            raise ValueError(
+                f"{name}: {key} holds numbers that are not finite. Download MANO again."
+            )
     if (found["kintree_table"][0, 1:].astype(np.int64) != PARENTS[1:]).any():
         raise ValueError(
             f"{name}: the joints' parents are {found['kintree_table'][0].tolist()}, expected "
@@ -236,16 +241,22 @@ def _check_numbers(found: dict[str, np.ndarray], name: str) -> None:
     for key, tolerance in (("weights", 1e-3), ("J_regressor", 1e-2)):
         error = float(np.abs(found[key].sum(axis=1) - 1).max())
         if error > tolerance:
-            raise ValueError(f"{name}: rows of {key} miss a sum of one by {error:.3g}.")
+            raise ValueError(
+                f"{name}: rows of {key} miss a sum of one by {error:.3g}, expected at most "
+                f"{tolerance}. Download MANO again."
+            )
     if found["f"].min() < 0 or found["f"].max() >= 778:
-        raise ValueError(f"{name}: faces name vertices beyond 777.")
+        raise ValueError(
+            f"{name}: faces have vertex indices from {found['f'].min()} to {found['f'].max()}, "
+            "expected 0 to 777. Download MANO again."
+        )
 
 
 def _side_of(joints: Float[np.ndarray, "joint=16 3"], name: str) -> Side:
-    """The right hand's fingers point to −x at rest, the left hand's to +x.
+    """Determine the side: a right hand's fingers point to −x at rest, a left hand's to +x.
 
     Raises:
-        ValueError: The file's name says otherwise.
+        ValueError: The file is named as the other side.
     """
     side: Side = "right" if joints[1:, 0].mean() < joints[0, 0] else "left"
     other = "left" if side == "right" else "right"
@@ -261,7 +272,7 @@ def _side_of(joints: Float[np.ndarray, "joint=16 3"], name: str) -> Side:
 def _outward(
     template: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> Int[np.ndarray, "face 3"]:
-    """The triangles counter-clockwise from outside: those of a positive volume about the middle."""
+    """Order the triangles' corners counter-clockwise from outside, so that the signed volume is positive."""
     corners = (template - template.mean(axis=0))[faces]
     volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     return faces if volume > 0 else faces[:, ::-1].copy()

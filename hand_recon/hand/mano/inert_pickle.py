@@ -1,10 +1,10 @@
-"""Reads a pickle of arrays without running anything in it, in a time that its size bounds.
+"""Pickle interpreter that runs no code from the pickle, in time bounded by the pickle's size.
 
-A pickle is a program for a machine with a stack. Python's own machine fetches the functions and classes that
-the program names, and calls them; and it hashes what the program makes a key of, which some twenty nested
-tuples of each other make endless. The machine here has the instructions that arrays need and no others.
-Names that the caller allows stand for inert records, which keep what they are given; any other name is
-refused. Nothing is fetched, called or hashed but text, and every instruction takes as long as what it adds.
+A pickle is a program for a stack machine. Python's unpickler imports and calls the functions that the program
+names, and it hashes dictionary keys, which takes forever for some twenty tuples nested in each other. This
+interpreter implements only the instructions that arrays need. Names that the caller allows become inert
+records, which store the arguments of the call; any other name is refused. Nothing is imported or called, only
+text is hashed, and each instruction's time is bounded by the size of what it adds.
 """
 
 import pickletools
@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from typing import Final
 
 Names = Mapping[tuple[str, str], str]
-"""Modules and names that a pickle may ask for, and the kind of record that stands for each."""
+"""Allowed pairs of module and name, and the kind of record that replaces each."""
 
 
 class RefusedPickleError(ValueError):
-    """The pickle asks for what is not needed, or is none; the message goes on after the file's name."""
+    """Refused or unreadable pickle; the message continues a sentence that begins with the file's name."""
 
 
 @dataclass(slots=True, eq=False, repr=False)
 class Record:
-    """Keeps what a pickle would have passed to a function or class, and does nothing with it."""
+    """Arguments and state that the pickle passes to a function or class, stored and not used."""
 
     kind: str
     arguments: tuple[object, ...] = ()
@@ -31,21 +31,21 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class _Name:
-    """What stands for an allowed function or class."""
+    """Placeholder for an allowed function or class."""
 
     kind: str
 
 
 def load_inert(data: bytes, names: Names, max_operations: int) -> dict[str, object]:
-    """The dictionary in a pickle, its values in records.
+    """Read the dictionary in a pickle, with records as its values.
 
     Args:
-        data: The pickle.
-        names: What it may ask for.
-        max_operations: How many instructions it may have: each takes up to some hundred bytes of memory.
+        data: Content of the pickle.
+        names: Functions and classes that it may name.
+        max_operations: Largest number of instructions; each takes up to a few hundred bytes of memory.
 
     Raises:
-        RefusedPickleError: It asks for more, is damaged, or holds no dictionary.
+        RefusedPickleError: It names others, has too many instructions, is damaged, or holds no dictionary.
     """
     machine = _Machine(names, len(data))
     try:
@@ -57,7 +57,7 @@ def load_inert(data: bytes, names: Names, max_operations: int) -> dict[str, obje
     except RefusedPickleError:
         raise
     except Exception as error:
-        # Damaged bytes raise nearly any exception: what they have in common is that this is no pickle.
+        # Damaged bytes can raise almost any exception.
         raise RefusedPickleError(
             f"cannot be read as a pickle ({type(error).__name__}: {str(error)[:200]}). "
             "Nothing of it was run."
@@ -74,17 +74,17 @@ def _refused(what: str) -> RefusedPickleError:
 
 
 class _Machine:
-    """A stack, the places of marks in it, and a memory of what was made."""
+    """State of the interpreter: the stack, positions of marks in it, and the memo."""
 
     def __init__(self, names: Names, size: int) -> None:
         self.names = names
         self.size = size
         self.stack: list[object] = []
         self.marks: list[int] = []
-        self.memory: dict[object, object] = {}
+        self.memo: dict[object, object] = {}
 
     def step(self, instruction: str, argument: object) -> None:
-        """Do as one instruction says."""
+        """Execute one instruction."""
         if instruction in _PUSHES:
             self.stack.append(argument)
         elif instruction in _INSTRUCTIONS:
@@ -94,22 +94,22 @@ class _Machine:
             raise _refused(f"uses {instruction}{shown}")
 
     def take(self, count: int) -> list[object]:
-        """The last things on the stack, which lose their place there."""
+        """Pop the last items off the stack."""
         if len(self.stack) < count:
-            raise ValueError("it takes more than there is")
+            raise ValueError(f"an instruction pops {count} items of {len(self.stack)}")
         items = self.stack[-count:]
         del self.stack[-count:]
         return items
 
     def take_marked(self) -> list[object]:
-        """All things since the last mark."""
+        """Pop all items since the last mark."""
         start = self.marks.pop()
         items = self.stack[start:]
         del self.stack[start:]
         return items
 
     def find(self, module: object, name: object) -> None:
-        """Push what stands for a name, if it is allowed."""
+        """Push the placeholder of an allowed name; refuse others."""
         kind = None
         if isinstance(module, str) and isinstance(name, str):
             kind = self.names.get((module, name))
@@ -119,14 +119,14 @@ class _Machine:
         self.stack.append(_Name(kind))
 
     def call(self) -> None:
-        """Push a record in the place of a call's result."""
+        """Push a record in place of a call's result."""
         target, arguments = self.take(2)
         if not isinstance(target, _Name) or not isinstance(arguments, tuple):
             raise _refused(f"calls a {type(target).__name__}")
         self.stack.append(Record(target.kind, arguments))
 
     def build(self) -> None:
-        """Give a record its state."""
+        """Set the state of the record on the stack."""
         (state,) = self.take(1)
         record = self.stack[-1]
         if not isinstance(record, Record):
@@ -141,25 +141,25 @@ class _Machine:
         target.extend(entries)
 
     def extend_dictionary(self, items: list[object]) -> None:
-        """Set keys and values, in turn, of the dictionary on the stack."""
+        """Add alternating keys and values to the dictionary on the stack."""
         target = self.stack[-1]
         if not isinstance(target, dict):
             raise _refused(f"sets items of a {type(target).__name__}")
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Text alone: tuples of tuples can take for ever to hash, and whole numbers can be chosen
-            # so that their hashes collide.
+            # Only text may be a key: nested tuples can take forever to hash, and integers can be chosen so
+            # that their hashes collide.
             if not isinstance(key, str | bytes):
                 raise _refused(f"has a {type(key).__name__} for a key")
             target[key if isinstance(key, str) else key.decode("latin1")] = value
 
-    def keep(self, place: object) -> None:
-        """Remember what is on the stack."""
-        if not isinstance(place, int) or place > self.size:
-            raise _refused(f"uses LONG_BINPUT {str(place)[:80]}")
-        self.memory[place] = self.stack[-1]
+    def memoize(self, index: object) -> None:
+        """Store the last item of the stack in the memo."""
+        if not isinstance(index, int) or index > self.size:
+            raise _refused(f"uses LONG_BINPUT {str(index)[:80]}")
+        self.memo[index] = self.stack[-1]
 
     def new_dictionary(self) -> None:
-        """Push a dictionary of all since the last mark."""
+        """Push a dictionary of all items since the last mark."""
         items = self.take_marked()
         self.stack.append({})
         self.extend_dictionary(items)
@@ -175,7 +175,7 @@ _PUSHES: Final = frozenset((
     "STRING", "BINSTRING", "SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8",
     "BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8",
 ))  # fmt: skip
-"""Numbers, text and bytes that stand in the pickle; Python 2's strings come as Latin-1."""
+"""Instructions that push a number, text or bytes; Python 2's strings are decoded as Latin-1."""
 
 _IDLE: Final = frozenset(("PROTO", "FRAME", "STOP"))
 
@@ -197,20 +197,20 @@ _INSTRUCTIONS: Final[Mapping[str, Callable[[_Machine, object], None]]] = {
     "DICT": lambda machine, _: machine.new_dictionary(),
     "SETITEM": lambda machine, _: machine.extend_dictionary(machine.take(2)),
     "SETITEMS": lambda machine, _: machine.extend_dictionary(machine.take_marked()),
-    # Sets are bookkeeping that nobody reads: what they hold is dropped, not hashed.
+    # Sets hold only chumpy's bookkeeping, which is not read: their items are dropped, not hashed.
     "EMPTY_SET": lambda machine, _: machine.stack.append(Record("set")),
     "ADDITEMS": lambda machine, _: machine.take_marked().clear(),
-    "PUT": lambda machine, place: machine.keep(place),
-    "BINPUT": lambda machine, place: machine.keep(place),
-    "LONG_BINPUT": lambda machine, place: machine.keep(place),
-    "MEMOIZE": lambda machine, _: machine.keep(len(machine.memory)),
-    "GET": lambda machine, place: machine.stack.append(machine.memory[place]),
-    "BINGET": lambda machine, place: machine.stack.append(machine.memory[place]),
-    "LONG_BINGET": lambda machine, place: machine.stack.append(machine.memory[place]),
+    "PUT": lambda machine, index: machine.memoize(index),
+    "BINPUT": lambda machine, index: machine.memoize(index),
+    "LONG_BINPUT": lambda machine, index: machine.memoize(index),
+    "MEMOIZE": lambda machine, _: machine.memoize(len(machine.memo)),
+    "GET": lambda machine, index: machine.stack.append(machine.memo[index]),
+    "BINGET": lambda machine, index: machine.stack.append(machine.memo[index]),
+    "LONG_BINGET": lambda machine, index: machine.stack.append(machine.memo[index]),
     "GLOBAL": _find_written,
     "STACK_GLOBAL": lambda machine, _: machine.find(*machine.take(2)),
     "REDUCE": lambda machine, _: machine.call(),
     "NEWOBJ": lambda machine, _: machine.call(),
     "BUILD": lambda machine, _: machine.build(),
 }
-"""All else is refused: extension codes, persistent names, buffers from outside, old classes."""
+"""Accepted instructions; extension codes, persistent ids, out-of-band buffers and old classes are refused."""

@@ -1,9 +1,9 @@
-"""Read MANO's pickle without running anything in it.
+"""Reading of MANO's pickle without running any code in it.
 
-A pickle names functions and classes that its reader fetches and calls; MANO's names seven. Here none of
-them is the real one: every name on the list stands for an inert record (`inert_pickle.py`), any other is
-refused, and the numbers are taken out of the records afterwards (`pickled_arrays.py`). So neither chumpy,
-which no current Python can install, nor scipy is needed.
+A pickle names functions and classes that Python's unpickler imports and calls; MANO's names seven. Here each
+of these names becomes an inert record (`inert_pickle.py`), any other name is refused, and the arrays are
+taken out of the records afterwards (`pickled_arrays.py`). Neither chumpy, which cannot be installed on
+current Pythons, nor scipy is needed.
 """
 
 from collections.abc import Mapping
@@ -22,52 +22,52 @@ from hand_recon.hand.mano.pickled_arrays import (
 )
 
 MAX_BYTES: Final = 256 * 2**20
-"""Largest pickle that is read; MANO's has 4 MB."""
+"""Size of the largest pickle that is read, bytes; MANO's has 4 MB."""
 
 MAX_OPERATIONS: Final = 2**20
-"""Most instructions; MANO's has some hundreds, or 400,000 where all arrays are saved as lists."""
+"""Largest number of instructions; MANO's has a few hundred, or 400,000 if all arrays are saved as lists."""
 
 ALLOWED: Final[Mapping[tuple[str, str], str]] = {
     **NUMPY_NAMES,
     **BUFFER_NAMES,
     ("chumpy.ch", "Ch"): "Ch",
     ("chumpy.reordering", "Select"): "Select",
-    # What chumpy keeps its bookkeeping in.
+    # chumpy's bookkeeping.
     ("__builtin__", "set"): "set",
     ("builtins", "set"): "set",
     **{(f"scipy.sparse.{m}", "csc_matrix"): "csc_matrix" for m in ("csc", "_csc")},
     **{(f"scipy.sparse.{m}", "csr_matrix"): "csr_matrix" for m in ("csr", "_csr")},
 }
-"""The seven globals of MANO's files, and the names that newer Pythons and scipys give them."""
+"""The seven globals of MANO's files, and their names in newer versions of Python and scipy."""
 
 
 def load_pickle(data: bytes, name: str) -> dict[str, object]:
-    """The dictionary in a pickle, its values still in records: `to_array` takes the numbers out.
+    """Read the dictionary in a pickle, with records as values that `to_array` converts.
 
     Args:
-        data: The file's content.
-        name: The file's name, for messages.
+        data: Content of the file.
+        name: File name, for messages.
 
     Raises:
-        RefusedPickleError: It asks for more than MANO's files do, is damaged, or holds no dictionary.
+        RefusedPickleError: It names functions that MANO's files do not, is damaged, or holds no dictionary.
     """
     if len(data) > MAX_BYTES:
         raise RefusedPickleError(
-            f"{name} has {len(data)} bytes, more than any MANO file: not read."
+            f"{name} has {len(data)} bytes, expected at most {MAX_BYTES}: not read. Is it MANO's?"
         )
     try:
         return load_inert(data, ALLOWED, MAX_OPERATIONS)
     except RefusedPickleError as error:
         raise RefusedPickleError(
-            f"{name} {error} Is the download complete, and MANO's own?"
+            f"{name} {error} Check that the download is complete and from MANO's site."
         ) from error
 
 
 def to_array(value: object) -> np.ndarray:
-    """The numbers of a record.
+    """Convert a record to an array.
 
     Raises:
-        NoNumbersError: It is none that holds numbers, holds too many, or contradicts itself.
+        NoNumbersError: The record holds no numbers, too many, or is inconsistent.
     """
     return pickled_arrays.to_array(value, _CONVERTERS)
 
@@ -86,12 +86,12 @@ def _chumpy(record: Record, numbers: Numbers) -> np.ndarray:
 def _whole(value: object, numbers: Numbers) -> np.ndarray:
     array = numbers.array(value)
     if array.dtype.kind not in "iu":
-        raise NoNumbersError("a selection by what are no whole numbers")
+        raise NoNumbersError(f"a selection by indices of type {array.dtype}, expected integers")
     return array.astype(np.int64)
 
 
 def _select(record: Record, numbers: Numbers) -> np.ndarray:
-    """`chumpy.reordering.Select`: `ravel(a)[idxs]`, in the shape that it names."""
+    """`chumpy.reordering.Select`: `ravel(a)[idxs]`, reshaped to `preferred_shape`."""
     state = _state_of(record)
     chosen = numbers.array(state.get("a")).ravel()[_whole(state.get("idxs"), numbers)]
     shape = state.get("preferred_shape")
@@ -99,7 +99,7 @@ def _select(record: Record, numbers: Numbers) -> np.ndarray:
 
 
 def _sparse(record: Record, numbers: Numbers) -> np.ndarray:
-    """A compressed sparse matrix, written out."""
+    """Convert a compressed sparse matrix to a dense array."""
     state = _state_of(record)
     shape = numbers.array(state.get("_shape", state.get("shape")))
     rows, columns = (int(size) for size in shape)
@@ -110,7 +110,7 @@ def _sparse(record: Record, numbers: Numbers) -> np.ndarray:
     counts = np.diff(starts)
     whole = len(counts) == lines and counts.min() >= 0 and counts.sum() == len(data)
     if not whole or width < 0 or indices.min() < 0:
-        raise NoNumbersError(f"a sparse matrix of {rows} × {columns} that contradicts itself")
+        raise NoNumbersError(f"a sparse matrix of {rows} × {columns} with inconsistent indices")
     numbers.spend(lines * width * 8)
     dense = np.zeros((lines, width))
     line = np.repeat(np.arange(lines), counts)

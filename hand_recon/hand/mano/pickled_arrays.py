@@ -1,7 +1,7 @@
-"""Arrays out of a pickle's inert records (`inert_pickle.py`), within a budget.
+"""Conversion of a pickle's inert records (`inert_pickle.py`) to arrays, within a memory budget.
 
-A pickle of a few hundred bytes can name the same list or array a thousand million times. What is taken out is
-therefore paid for before it is made: a value has so many bytes of numbers in all, or is refused.
+A pickle of a few hundred bytes can repeat one list or array a thousand million times. Every array is
+therefore counted against a budget of bytes per value before it is made.
 """
 
 import math
@@ -14,14 +14,14 @@ import numpy as np
 from hand_recon.hand.mano.inert_pickle import Record
 
 BUDGET: Final = 16 * 2**20
-"""Bytes that one value may take; the largest of MANO's takes 2.5 MB, or 10 as lists of lists."""
+"""Budget of one value, bytes; the largest of MANO's takes 2.5 MB, or 10 MB as nested lists."""
 
 DEEPEST: Final = 8
-"""Lists and records in each other; MANO's need five."""
+"""Largest nesting depth of lists and records; MANO's need five."""
 
 _NUMBER_COST: Final = 32
 _ENTRY_COST: Final = 256
-"""Bytes that stand for the time of a number in a list, and of a list or record."""
+"""Bytes charged for a number in a list, and for a list or record, which bound the time as well."""
 
 NUMPY_NAMES: Final[Mapping[tuple[str, str], str]] = {
     ("numpy", "dtype"): "dtype",
@@ -30,64 +30,64 @@ NUMPY_NAMES: Final[Mapping[tuple[str, str], str]] = {
     **{(f"numpy.{core}.multiarray", "_reconstruct"): "array" for core in ("core", "_core")},
     **{(f"numpy.{core}.multiarray", "scalar"): "scalar" for core in ("core", "_core")},
 }
-"""The names that arrays need up to protocol 4, old and new."""
+"""Globals that arrays need up to protocol 4, in old and new versions of NumPy."""
 
 BUFFER_NAMES: Final[Mapping[tuple[str, str], str]] = {
     (f"numpy.{core}.numeric", "_frombuffer"): "buffer" for core in ("core", "_core")
 }
-"""What arrays need in protocol 5."""
+"""Globals that arrays need in protocol 5."""
 
 Converter = Callable[[Record, "Numbers"], np.ndarray]
-"""Makes an array of a record of some kind."""
+"""Function that converts one kind of record to an array."""
 
 
 class NoNumbersError(ValueError):
-    """A value that holds no numbers, too many, or contradicts itself; the message says what it is."""
+    """Value without numbers, with too many, or inconsistent; the message names it."""
 
 
 class Numbers:
-    """Takes the numbers out of one value."""
+    """Converter of one value to an array, with the budget that is left."""
 
     def __init__(self, converters: Mapping[str, Converter]) -> None:
-        """Start with the whole budget.
+        """Start with the full budget.
 
         Args:
-            converters: How kinds of records beside NumPy's become arrays.
+            converters: Converters for kinds of records other than NumPy's.
         """
         self._converters = {"array": _array, "buffer": _buffer, "scalar": _scalar, **converters}
         self._left = BUDGET
         self._depth = 0
 
     def spend(self, size: int) -> None:
-        """Pay for so many bytes.
+        """Charge a number of bytes to the budget.
 
         Raises:
-            NoNumbersError: The budget does not suffice.
+            NoNumbersError: The budget is exhausted.
         """
         self._left -= size
         if self._left < 0:
             raise NoNumbersError(
-                f"a value of more than {BUDGET >> 20} MiB of numbers, repeated ones included"
+                f"a value of more than {BUDGET >> 20} MiB of numbers, counting repeated ones"
             )
 
     def array(self, value: object) -> np.ndarray:
-        """The numbers of a record, list or number.
+        """Convert a record, list or number to an array.
 
         Raises:
-            ValueError: There are none (as `to_array` says it), or NumPy's own reason.
+            ValueError: There are no numbers (`NoNumbersError`), or NumPy cannot make an array of them.
         """
         array = np.asarray(self._entry(value))
         if array.dtype.kind not in "biuf":
-            raise NoNumbersError("a whole number that is too large")
+            raise NoNumbersError("an integer that does not fit 64 bits")
         return array
 
     def _entry(self, value: object) -> object:
-        """A number, an array, or a list of such."""
+        """Convert a value to a number, an array, or a list of them."""
         self.spend(_ENTRY_COST)
         if isinstance(value, bool | int | float):
             return value
         if self._depth == DEEPEST:
-            raise NoNumbersError(f"a value of more than {DEEPEST} lists or records in each other")
+            raise NoNumbersError(f"a value of more than {DEEPEST} nested lists or records")
         self._depth += 1
         try:
             return self._inner(value)
@@ -107,28 +107,28 @@ class Numbers:
 
 
 def to_array(value: object, converters: Mapping[str, Converter] | None = None) -> np.ndarray:
-    """The numbers of a value that `load_inert` has read.
+    """Convert a value that `load_inert` has read to an array.
 
     Args:
-        value: A record, a number, or lists of them in each other.
-        converters: How kinds of records beside NumPy's become arrays.
+        value: A record, a number, or nested lists of them.
+        converters: Converters for kinds of records other than NumPy's.
 
     Raises:
-        NoNumbersError: It is none that holds numbers, holds too many, or contradicts itself.
+        NoNumbersError: The value holds no numbers, too many, or is inconsistent.
     """
     try:
         return Numbers(converters or {}).array(value)
     except NoNumbersError:
         raise
     except (TypeError, ValueError, IndexError, ArithmeticError, MemoryError) as error:
-        # What contradicts itself is found by NumPy in many ways.
+        # NumPy reports inconsistent records by many kinds of exceptions.
         raise NoNumbersError(
-            f"an odd value ({type(error).__name__}: {str(error)[:200]})"
+            f"an inconsistent value ({type(error).__name__}: {str(error)[:200]})"
         ) from error
 
 
 def is_nothing(value: object) -> bool:
-    """Whether it is None, or an array of nothing but None."""
+    """True for None and for an object array whose entries are all None."""
     if not isinstance(value, Record) or value.kind != "array":
         return value is None
     raw = value.state[4] if isinstance(value.state, tuple) and len(value.state) == 5 else None
@@ -137,12 +137,12 @@ def is_nothing(value: object) -> bool:
 
 def _dtype(record: object) -> np.dtype:
     if not isinstance(record, Record) or record.kind != "dtype" or not record.arguments:
-        raise NoNumbersError("an array without a type")
+        raise NoNumbersError("an array without a dtype")
     code = record.arguments[0]
     if not isinstance(code, str) or not re.fullmatch(r"[<>|=]?[fiub][1248]", code):
-        # Only text is shown: a tuple of tuples could be without end.
+        # Only text is shown: the text of a nested tuple could be endless.
         shown = repr(code[:20]) if isinstance(code, str) else f"a {type(code).__name__}"
-        raise NoNumbersError(f"an array of type {shown}, which is no number")
+        raise NoNumbersError(f"an array of dtype {shown}, which is not numeric")
     dtype, state = np.dtype(code), record.state
     if isinstance(state, tuple) and len(state) > 1 and state[1] in ("<", ">"):
         dtype = dtype.newbyteorder("<" if state[1] == "<" else ">")
@@ -150,14 +150,14 @@ def _dtype(record: object) -> np.dtype:
 
 
 def _raw(value: object, numbers: Numbers) -> bytes:
-    """The bytes of an array, in any of the ways that Pythons have written them."""
+    """Bytes of an array, in any of the forms that versions of Python write."""
     if isinstance(value, Record) and value.kind == "bytes":
-        # What `_codecs.encode` makes: bytes that Python 3 writes for Python 2.
+        # Python 3 writes bytes for Python 2 as a call of `_codecs.encode`.
         if value.arguments[1:] not in (("latin1",), ("latin-1",)):
-            raise NoNumbersError("an array of bytes in another encoding than Latin-1")
+            raise NoNumbersError("an array of bytes in an encoding other than Latin-1")
         value = value.arguments[0]
     if not isinstance(value, bytes | bytearray | str):
-        raise NoNumbersError(f"an array whose numbers are a {type(value).__name__}")
+        raise NoNumbersError(f"an array with a {type(value).__name__} for its bytes")
     numbers.spend(len(value))
     return value.encode("latin1") if isinstance(value, str) else bytes(value)
 
@@ -165,11 +165,11 @@ def _raw(value: object, numbers: Numbers) -> bytes:
 def _from_bytes(
     raw: object, dtype: object, shape: object, order: str, numbers: Numbers
 ) -> np.ndarray:
-    """An array from its bytes, whose number must be right."""
+    """Array from its bytes, whose number must match the shape."""
     number = _dtype(dtype)
     sizes = shape if isinstance(shape, tuple) else (shape,)
     if len(sizes) > DEEPEST or not all(isinstance(n, int) and 0 <= n < 2**31 for n in sizes):
-        raise NoNumbersError("an array of a shape that is none")
+        raise NoNumbersError("an array of an invalid shape")
     content = _raw(raw, numbers)
     if math.prod(sizes) * number.itemsize != len(content):
         raise NoNumbersError(f"an array of shape {sizes} in {len(content)} bytes")
@@ -178,7 +178,7 @@ def _from_bytes(
 
 
 def _array(record: Record, numbers: Numbers) -> np.ndarray:
-    """What `numpy.core.multiarray._reconstruct` makes, empty until its state comes."""
+    """Array of a record of `numpy.core.multiarray._reconstruct`, whose content is in its state."""
     state = record.state
     if not isinstance(state, tuple) or len(state) != 5:
         raise NoNumbersError("an array without content")
@@ -187,12 +187,12 @@ def _array(record: Record, numbers: Numbers) -> np.ndarray:
 
 
 def _buffer(record: Record, numbers: Numbers) -> np.ndarray:
-    """What `numpy.core.numeric._frombuffer` makes."""
+    """Array of a record of `numpy.core.numeric._frombuffer`."""
     raw, dtype, shape, order = record.arguments
     return _from_bytes(raw, dtype, shape, "F" if order == "F" else "C", numbers)
 
 
 def _scalar(record: Record, numbers: Numbers) -> np.ndarray:
-    """What `numpy.core.multiarray.scalar` makes."""
+    """Array of a record of `numpy.core.multiarray.scalar`."""
     dtype, raw = record.arguments
     return _from_bytes(raw, dtype, (), "C", numbers)

@@ -168,5 +168,5 @@ def _missing(path: Path, side: Side) -> str:
         f"No MANO hand at {path.absolute()}. Each user needs MANO's licence: get "
         f"{_wanted()} from mano.is.tue.mpg.de and run `python -m hand_recon.prepare mano <that file>`. "
         f"It reads the {side} hand without running any code in the file, checks it, and writes {path.name}. "
-        "Set HAND_RECON_MANO or hand.path for another folder, or use hand=open, which needs no licence."
+        "Set HAND_RECON_MANO or hand.path for another folder; hand=open needs no licence."
     )

@@ -226,7 +226,7 @@ def test_another_file_is_told_what_it_is_and_what_is_wanted(
 
 def test_a_source_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        FileNotFoundError, match=r"No file .*nothing\.zip\. Wanted is mano_v1_2\.zip"
+        FileNotFoundError, match=r"No file .*nothing\.zip\. Expected mano_v1_2\.zip"
     ):
         prepare_mano(tmp_path / "nothing.zip", tmp_path)
 
@@ -251,7 +251,10 @@ def _other_order() -> dict[str, object]:
         ({"weights": mano_arrays()["weights"] * 1.1}, "rows of weights miss a sum of one by 0.1"),
         ({"posedirs": np.zeros((778, 3, 207))}, r"\(778, 3, 207\)\}, expected .*\(778, 3, 135\)"),
         ({"shapedirs": np.zeros((778, 3, 5))}, "'10 or more'"),
-        ({"f": mano_arrays()["f"] + 1}, "faces name vertices beyond 777"),
+        (
+            {"f": mano_arrays()["f"] + 1},
+            "faces have vertex indices from 1 to 778, expected 0 to 777",
+        ),
         ({"f": np.roll(mano_arrays()["f"], 5, axis=1)[:, [0, 0, 1]]}, "open edges"),
     ],
 )

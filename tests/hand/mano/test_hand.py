@@ -69,7 +69,7 @@ def test_manos_spread_rest_pose_is_in_its_rest_angles(mano: HandModel) -> None:
 
 
 def test_at_neutral_manos_fingers_are_straight_and_parallel(mano: HandModel) -> None:
-    joints = mano(torch.zeros_like(mano.rest_angles), torch.zeros(10, dtype=torch.float64)).joints
+    joints = mano(mano.neutral_angles(), torch.zeros(10, dtype=torch.float64)).joints
     third = torch.nn.functional.normalize(joints[4] - joints[0], dim=0)
     for base in (1, 4, 7, 10):
         bones = torch.nn.functional.normalize(
@@ -99,7 +99,7 @@ def test_bending_manos_thumb_carries_it_across_the_palm_and_splay_lifts_it(mano:
 
 def moved(hand: HandModel, joint: str, axis: int) -> torch.Tensor:
     """Where a fifth of a radian takes the fingertip, metres."""
-    angles, zero = torch.zeros_like(hand.rest_angles), torch.zeros(10, dtype=torch.float64)
+    angles, zero = hand.neutral_angles(), torch.zeros(10, dtype=torch.float64)
     turned = angles.clone()
     turned[ARTICULATED.index(joint), axis] = 0.2
     tip = LANDMARKS.index(f"{joint.split()[0]} tip")
