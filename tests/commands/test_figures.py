@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 
-from hand_recon.figures import figures
+from hand_recon.command_line.configuration_files import CONF
+from hand_recon.runs.building import build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY, fingerprint
-from hand_recon.runs.configuration import CONF, build_module, plain
-from tests.runs.test_configuration import composed
+from hand_recon.runs.configuration import plain
+from hand_recon.runs.figures_run import figures
+from tests.support.configurations import settings
 
 
 @pytest.fixture(scope="module")
@@ -23,13 +25,11 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def write_row(folder: Path, row: int, seed: int = 0) -> None:
     """A run's folder with a checkpoint that nothing has trained."""
-    config = composed(
-        f"+experiment=ablation_row{row}", f"seed={seed}", "synthetic.test=8", "crop_size=48",
-        "data.render_workers=1", "model.encoder.backbone=mobilenet_v3_small", "model.width=32",
+    config = settings(
+        Path("/nowhere"), folder, f"experiment=ablation_row{row}", f"seed={seed}", "synthetic.test=8",
+        "crop_size=48", "data.render_workers=1", "model.encoder.backbone=mobilenet_v3_small",
+        "model.width=32",
     )  # fmt: skip
-    with open_dict(config):
-        del config["hydra"]
-        config.paths = {"cache": "/nowhere", "output": "/nowhere", "run": str(folder)}
     torch.manual_seed(row)
     module = build_module(config)
     (folder / "checkpoints").mkdir(parents=True)
@@ -45,15 +45,9 @@ def write_row(folder: Path, row: int, seed: int = 0) -> None:
 
 
 def asked(runs: Path, output: Path, cache: Path, **more: object) -> DictConfig:
-    """`conf/figures.yaml` with what it inherits, without Hydra's part."""
-    configs = [OmegaConf.load(Path(CONF) / f"{name}.yaml") for name in ("report", "figures")]
-    for config in configs:
-        assert isinstance(config, DictConfig)
-        config.pop("hydra", None)
-        del config["defaults"]
-    config = OmegaConf.merge(*configs)
-    assert isinstance(config, DictConfig)
-    config.runs, config.output, config.paths.cache = str(runs), str(output), str(cache)
+    """The configuration of the figures of some runs, small."""
+    config = settings(cache, output, name="figures")
+    config.runs, config.output = str(runs), str(output)
     config.threads, config.panel, config.count, config.examples = 1, 48, 2, 2
     for name, value in more.items():
         config[name] = value

@@ -11,9 +11,9 @@ import torch
 from omegaconf import DictConfig, open_dict
 
 from hand_recon.camera import project
-from hand_recon.fit import fit
 from hand_recon.hand.model import HandModel
-from tests.runs.test_configuration import composed
+from hand_recon.runs.fit_run import fit
+from tests.support.configurations import composed
 from tests.support.views import known_hands, views
 
 CAMERA = [[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]]
@@ -145,7 +145,7 @@ def test_how_sure_the_detector_was_matters(hand: HandModel, tmp_path: Path) -> N
         output = tmp_path / f"out_{confidence}"
         fit(
             asked(
-                output, f"landmarks={path}", "third=confidence", "data_term=nll", "descent.steps=80"
+                output, f"landmarks={path}", "third_value=confidence", "data_term=nll", "descent.steps=80"
             )
         )
         tip = entries_of(output)[0]["landmarks_2d"][8]

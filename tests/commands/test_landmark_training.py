@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from hand_recon.evaluate import evaluate
 from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
-from hand_recon.train import train
-from tests.commands.test_train import pytestmark as pytestmark
-from tests.commands.test_train import settings
-from tests.support.dotted_pictures import Dotted
+from hand_recon.runs.evaluation_run import evaluate
+from hand_recon.runs.training_run import train
+from tests.support.configurations import settings
+from tests.support.dotted_images import Dotted
+from tests.support.small_runs import LIGHTNING_WARNINGS
+
+pytestmark = LIGHTNING_WARNINGS
 
 SMALL = (
     "model.encoder.backbone=mobilenet_v3_small", "model.width=32", "trainer.max_epochs=1",
@@ -22,7 +24,7 @@ SMALL = (
 def test_pictures_with_2d_landmarks_alone_train_and_are_scored_in_2d(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = Dotted(tmp_path / "pictures", pictures=8).as_coco()
+    path = Dotted(tmp_path / "images", images=8).as_coco()
     data = ["data=landmarks", f"data.train={path}", "data.reading.workers=1"]
     folder = tmp_path / "run"
     metrics = train(settings(tmp_path / "cache", folder, *SMALL, *data))
@@ -53,7 +55,7 @@ def test_a_mixture_trains_on_both_and_is_scored_on_one(
 ) -> None:
     root = tmp_path / "FreiHAND"
     write_freihand_layout(root, FreiHandFolder(unique=8, evaluation=4))
-    path = Dotted(tmp_path / "pictures", pictures=6).as_coco()
+    path = Dotted(tmp_path / "images", images=6).as_coco()
     data = [
         "data=mixture", f"data.parts.freihand.root={root}", f"data.parts.landmarks.train={path}",
         "data.parts.freihand.crop.around=joints", "data.epoch_size=12", "model.use_intrinsics=true",

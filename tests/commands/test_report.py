@@ -1,20 +1,18 @@
 """Runs become the paper's table: means, deviations, changes and intervals that can be counted by hand."""
 
 import csv
-import json
 import os
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
-from hand_recon.report import report
-from hand_recon.runs.configuration import CONF
+from hand_recon.runs.tables_run import report
 from hand_recon.tables.paper import KNOWLEDGE, TABLE_1, PaperRow, knowledge_of
 from hand_recon.tables.runs import flattened
-from tests.runs.test_configuration import composed
+from tests.support.configurations import composed
+from tests.support.runs_on_disk import report_config, write_run
 
 KNOWN = {
     1: (0.0, False, 0.0, "SquaredError"),
@@ -24,6 +22,8 @@ KNOWN = {
     5: (20_000.0, True, 20_000.0, "NegativeLogLikelihood"),
 }
 """λ₁, functional anatomy, λ₂ and data term of each row."""
+
+RULES = {"_target_": "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy"}
 
 
 def settings(row: int, seed: int, **changes: object) -> dict[str, Any]:
@@ -37,46 +37,14 @@ def settings(row: int, seed: int, **changes: object) -> dict[str, Any]:
         "model": {"encoder": {"backbone": "resnet18"}},
         "trainer": {"max_epochs": 10, "default_root_dir": f"/runs/{row}_{seed}"},
         "prior": {
-            "range_of_motion": ranges, "functional_anatomy": anatomy, "non_penetration": physics,
+            "range_of_motion": {"weight": ranges, "anatomy": RULES if anatomy else None},
+            "non_penetration": {"weight": physics},
         },
         "data_term": {"_target_": f"hand_recon.uncertainty.{term}"},
     }  # fmt: skip
     for name, value in changes.items():
         OmegaConf.update(node := OmegaConf.create(config), name, value, force_add=True)
         config = OmegaConf.to_container(node)  # type: ignore[assignment]
-    return config
-
-
-def write_run(
-    folder: Path,
-    config: dict[str, Any],
-    test: dict[str, float],
-    per_hand: list[float] | None = None,
-) -> Path:
-    """A run's folder as `finish_run` leaves it."""
-    folder.mkdir(parents=True)
-    (folder / "config.yaml").write_text(yaml.safe_dump(config))
-    metrics = {
-        "name": config["name"], "data": "synthetic", "landmarks": "knuckle", "test_hands": 4,
-        "test": test, "mean_pose": {"E_J": 18.0, "E_V": 17.0}, "environment": {"python": "3"},
-    }  # fmt: skip
-    (folder / "metrics.json").write_text(json.dumps(metrics))
-    if per_hand is not None:
-        lines = [f"{index},{error}" for index, error in enumerate(per_hand)]
-        (folder / "per_hand.csv").write_text("\n".join(["index,E_J", *lines]) + "\n")
-    return folder
-
-
-def asked(runs: Path | list[Path] | None, output: Path, **more: object) -> DictConfig:
-    """`conf/report.yaml` without Hydra's part."""
-    config = OmegaConf.load(Path(CONF) / "report.yaml")
-    assert isinstance(config, DictConfig)
-    del config["hydra"], config["defaults"]
-    config.runs = [str(run) for run in runs] if isinstance(runs, list) else runs and str(runs)
-    config.output = str(output)
-    config.bootstrap.resamples = 400
-    for name, value in more.items():
-        OmegaConf.update(config, name, value)
     return config
 
 
@@ -111,7 +79,7 @@ def test_a_row_is_the_mean_and_the_sample_deviation_over_its_seeds(
     sweep: Path, tmp_path: Path
 ) -> None:
     """20, 22, 24: mean 22, deviation √((4 + 0 + 4) / 2) = 2."""
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     line = lines_of(tmp_path / "out")["1 No Knowledge"]
     assert number(line["E_J_mean"]) == pytest.approx(22.0)
     assert number(line["E_J_sd"]) == pytest.approx(2.0)
@@ -122,7 +90,7 @@ def test_a_row_is_the_mean_and_the_sample_deviation_over_its_seeds(
 
 def test_a_change_is_from_the_row_above_and_needs_that_row(sweep: Path, tmp_path: Path) -> None:
     """22 to 11 mm is −11 mm, half; 40 to 10 % is −30 points; row 4 has no row 3 above it."""
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     lines = lines_of(tmp_path / "out")
     assert number(lines["2 +Biomechanics"]["E_J_change"]) == pytest.approx(-11.0)
     assert number(lines["2 +Biomechanics"]["E_J_change_percent"]) == pytest.approx(-50.0)
@@ -133,7 +101,7 @@ def test_a_change_is_from_the_row_above_and_needs_that_row(sweep: Path, tmp_path
 
 
 def test_what_was_not_run_or_measured_is_a_dash(sweep: Path, tmp_path: Path) -> None:
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     text = (tmp_path / "out" / "table1.md").read_text()
     third = next(line for line in text.splitlines() if line.startswith("| 3 ++F-Anatomy"))
     cells = [cell.strip() for cell in third.strip("|").split("|")]
@@ -144,8 +112,8 @@ def test_what_was_not_run_or_measured_is_a_dash(sweep: Path, tmp_path: Path) -> 
 
 def test_the_bootstrap_is_over_hands_paired_and_repeatable(sweep: Path, tmp_path: Path) -> None:
     """Every hand improves by exactly 11 mm: the paired interval has no width, though each row's own has."""
-    report(asked(sweep, tmp_path / "a"))
-    report(asked(sweep, tmp_path / "b"))
+    report(report_config(sweep, tmp_path / "a"))
+    report(report_config(sweep, tmp_path / "b"))
     line = lines_of(tmp_path / "a")["2 +Biomechanics"]
     low, high = number(line["E_J_low"]), number(line["E_J_high"])
     assert low is not None
@@ -160,7 +128,7 @@ def test_the_bootstrap_is_over_hands_paired_and_repeatable(sweep: Path, tmp_path
 def test_the_page_opens_offline_and_says_whose_numbers_are_whose(
     sweep: Path, tmp_path: Path
 ) -> None:
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     page = (tmp_path / "out" / "table1.html").read_text()
     assert "data:image/png;base64," in page
     assert "http" not in page
@@ -182,7 +150,7 @@ def test_runs_that_cannot_be_counted_are_named_with_the_reason(
     evaluation = write_run(sweep / "10_evaluation", settings(5, 1), {"E_J": 8.0})
     (evaluation / "config.yaml").unlink()
     empty = write_run(sweep / "11_empty", settings(5, 2), {"E_J": float("nan")})
-    told = report(asked(sweep, tmp_path / "out"))["left_out"]
+    told = report(report_config(sweep, tmp_path / "out"))["left_out"]
     assert told[str(sweep / "8_unfinished")].startswith("unfinished")
     assert told[str(broken)].startswith("unreadable")
     assert "evaluation" in told[str(evaluation)]
@@ -196,7 +164,7 @@ def test_of_two_runs_with_one_seed_the_newer_counts(sweep: Path, tmp_path: Path)
     """The old row 4 says 9 mm, a repetition 7: the row is 7, not their mean, and the old one is named."""
     again = write_run(sweep / "again", settings(4, 0), {"E_J": 7.0})
     os.utime(sweep / "0_row4" / "metrics.json", (1e9, 1e9))
-    told = report(asked(sweep, tmp_path / "out"))
+    told = report(report_config(sweep, tmp_path / "out"))
     assert number(lines_of(tmp_path / "out")["4 +Physics"]["E_J_mean"]) == 7.0
     assert str(again) in told["left_out"][str(sweep / "0_row4")]
 
@@ -209,7 +177,7 @@ def test_another_budget_model_or_data_is_another_table(
     sweep: Path, tmp_path: Path, name: str, value: object
 ) -> None:
     write_run(sweep / "other", settings(3, 0, **{name: value}), {"E_J": 5.0})
-    told = report(asked(sweep, tmp_path / "out"))
+    told = report(report_config(sweep, tmp_path / "out"))
     assert told["runs"] == [7, 1]
     text = (tmp_path / "out" / "table1.md").read_text()
     assert f"{name}={value}" in text
@@ -219,7 +187,7 @@ def test_another_budget_model_or_data_is_another_table(
 def test_other_experiments_follow_below_under_their_names(sweep: Path, tmp_path: Path) -> None:
     changed = settings(5, 0, name="table3b_full", **{"supervision.fraction": 1.0})
     write_run(sweep / "full_3d", changed, {"E_J": 6.0, "coverage_1sigma": 0.66})
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     line = lines_of(tmp_path / "out")["table3b_full"]
     assert number(line["E_J_mean"]) == 6.0
     assert line["E_J_paper"] == ""
@@ -229,7 +197,7 @@ def test_other_experiments_follow_below_under_their_names(sweep: Path, tmp_path:
 
 def test_a_sigma_that_nothing_trained_is_not_judged(sweep: Path, tmp_path: Path) -> None:
     write_run(sweep / "row3", settings(3, 0), {"E_J": 9.6, "coverage_1sigma": 0.123, "ROM": 5.0})
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     text = (tmp_path / "out" / "table1.md").read_text()
     assert "0.123" not in text
     assert "5.0" in text
@@ -239,12 +207,12 @@ def test_a_sweep_over_one_rows_weight_leaves_the_row_with_the_others_weight(
     sweep: Path, tmp_path: Path
 ) -> None:
     for place, weight in enumerate((2000.0, 20_000.0)):
-        changed = settings(3, 0, **{"prior.range_of_motion": weight})
+        changed = settings(3, 0, **{"prior.range_of_motion.weight": weight})
         write_run(sweep / f"weight{place}", changed, {"E_J": 30.0 - 10 * place})
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     lines = lines_of(tmp_path / "out")
     assert number(lines["3 ++F-Anatomy"]["E_J_mean"]) == 20.0
-    assert number(lines["ablation_row3 (prior.range_of_motion=2000.0)"]["E_J_mean"]) == 30.0
+    assert number(lines["ablation_row3 (prior.range_of_motion.weight=2000.0)"]["E_J_mean"]) == 30.0
 
 
 def test_a_sweep_over_data_terms_leaves_row_five_with_the_papers(
@@ -255,7 +223,7 @@ def test_a_sweep_over_data_terms_leaves_row_five_with_the_papers(
     ):
         changed = settings(5, 0, **{"data_term._target_": f"hand_recon.uncertainty.{term}"})
         write_run(sweep / term, changed, {"E_J": 7.0 + place})
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     lines = lines_of(tmp_path / "out")
     assert number(lines["5 +NLL"]["E_J_mean"]) == 8.0
     assert sum(label.startswith("ablation_row5 (") for label in lines) == 2
@@ -267,31 +235,31 @@ def test_without_a_place_the_newest_sweep_with_a_finished_run_is_taken(
     write_run(sweep.parent / "2025-01-01_00-00-00" / "0", settings(5, 0), {"E_J": 1.0})
     (sweep.parent / "2026-09-09_00-00-00" / "0").mkdir(parents=True)
     (sweep.parent / "2026-09-09_00-00-00" / "0" / "config.yaml").write_text("name: x\n")
-    told = report(asked(None, tmp_path / "out", **{"paths.output": str(tmp_path)}))
+    told = report(report_config(None, tmp_path / "out", **{"paths.output": str(tmp_path)}))
     assert told["runs"] == [7]
 
 
 def test_several_places_and_patterns_are_taken_together(sweep: Path, tmp_path: Path) -> None:
     places = [sweep / "*row1", sweep / "0_row2", sweep / "0_row2"]
-    assert report(asked(places, tmp_path / "out"))["runs"] == [4]
+    assert report(report_config(places, tmp_path / "out"))["runs"] == [4]
 
 
 def test_nothing_is_overwritten_and_nothing_found_is_said(sweep: Path, tmp_path: Path) -> None:
-    report(asked(sweep, tmp_path / "out"))
+    report(report_config(sweep, tmp_path / "out"))
     before = (tmp_path / "out" / "table1.md").read_bytes()
     with pytest.raises(FileExistsError, match=r"already holds table1\.md"):
-        report(asked(sweep, tmp_path / "out"))
+        report(report_config(sweep, tmp_path / "out"))
     assert (tmp_path / "out" / "table1.md").read_bytes() == before
     with pytest.raises(FileNotFoundError, match="No run at"):
-        report(asked(tmp_path / "nowhere", tmp_path / "other"))
+        report(report_config(tmp_path / "nowhere", tmp_path / "other"))
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="no finished run"):
-        report(asked(tmp_path / "empty", tmp_path / "other"))
+        report(report_config(tmp_path / "empty", tmp_path / "other"))
     assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("row", TABLE_1, ids=lambda row: row.name)
 def test_the_experiments_have_the_check_marks_of_the_papers_rows(row: PaperRow) -> None:
-    config = composed(f"+experiment={row.name}")
+    config = composed(f"experiment={row.name}")
     method = {name: OmegaConf.to_container(config[name]) for name in ("prior", "data_term")}
     assert knowledge_of(flattened(method)) == row.knowledge

@@ -12,13 +12,13 @@ from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.rehearsal.dexycb import DexYcbFolder, write_dexycb_layout
 from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.rehearsal.ho3d import Ho3dFolder, write_ho3d_layout
-from hand_recon.train import train
-from tests.commands.test_train import pytestmark as as_in_the_main_job
-from tests.commands.test_train import settings
-from tests.runs.test_experiments import PAPERS
+from hand_recon.runs.training_run import train
+from tests.support.configurations import settings
 from tests.support.mano_file import write_mano_folder
+from tests.support.paper_experiments import PAPER_EXPERIMENTS
+from tests.support.small_runs import LIGHTNING_WARNINGS
 
-pytestmark = as_in_the_main_job
+pytestmark = LIGHTNING_WARNINGS
 
 SMALL = (
     "data.batch_size=8", "data.reading.workers=1", "model.encoder.backbone=mobilenet_v3_small",
@@ -41,15 +41,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.parametrize("experiment", PAPERS)
+@pytest.mark.parametrize("experiment", PAPER_EXPERIMENTS)
 def test_the_experiment_trains_and_is_scored(
     folder: Path, tmp_path: Path, experiment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HAND_RECON_MANO", str(folder / "mano"))
-    dataset = PAPERS[experiment]
-    chosen = [f"+experiment={experiment}", f"data.root={folder / dataset}", *SMALL]
+    dataset = PAPER_EXPERIMENTS[experiment]
+    chosen = [f"experiment={experiment}", f"data.root={folder / dataset}", *SMALL]
     if experiment == "table3a_adversarial":
-        chosen.append(f"prior.adversary.real.root={folder / 'freihand'}")
+        chosen.append(f"prior.adversarial.real.root={folder / 'freihand'}")
     metrics = train(settings(folder / "cache", tmp_path, *chosen))
     assert metrics["name"] == experiment
     assert {"E_J", "AUC_J", "E_2D"} <= set(metrics["test"])

@@ -23,7 +23,7 @@ from hand_recon.fitting.hands_file import (
 )
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
-from tests.fitting.test_results import fitted
+from tests.support.fitted_hands import fitted
 
 
 @st.composite

@@ -9,7 +9,7 @@ import pytest
 
 from hand_recon.fitting.results import write_results
 from hand_recon.hand.model import HandModel
-from tests.fitting.test_results import SMALL, fitted
+from tests.support.fitted_hands import SMALL_RESULTS, fitted
 
 
 def test_pictures_show_the_hand_on_its_image_and_a_sheet_shows_all(
@@ -19,7 +19,7 @@ def test_pictures_show_the_hand_on_its_image_and_a_sheet_shows_all(
     part = fitted(hand)
     images = (tmp_path / "a.png", None, None)
     part = dataclasses.replace(part, observed=dataclasses.replace(part.observed, images=images))
-    write_results(tmp_path / "run", [part], hand.faces, SMALL)
+    write_results(tmp_path / "run", [part], hand.faces, SMALL_RESULTS)
     first, second = sorted((tmp_path / "run" / "pictures").iterdir())
     on_image, on_white = cv2.imread(str(first)), cv2.imread(str(second))
     assert on_image is not None
@@ -40,5 +40,5 @@ def test_a_picture_that_cannot_be_read_is_named_and_drawn_on_white(
     part = fitted(hand)
     images = (tmp_path / "gone.png", None, None)
     part = dataclasses.replace(part, observed=dataclasses.replace(part.observed, images=images))
-    write_results(tmp_path, [part], hand.faces, SMALL)
+    write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     assert "gone.png: hand 0 is drawn on white" in caplog.text

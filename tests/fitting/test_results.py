@@ -12,56 +12,14 @@ import pytest
 import torch
 import trimesh
 
-from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
-from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
+from hand_recon.fitting.fitted_hands import fitted_hands
 from hand_recon.fitting.results import ResultOptions, claim_results_folder, write_results
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
 from hand_recon.schema import HandParameters, HandPrediction
-
-CAMERA = torch.tensor([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]], dtype=torch.float64)
-SMALL = ResultOptions(meshes=2, pictures=2, panel=48)
-SIDES = ("right", "left", "right")
-
-
-def fitted(hand: HandModel, *, calibrated: bool = True, off: float = 0.0) -> FittedHands:
-    """Three hands found where they were seen, or `off` metres to the right; the third was not seen."""
-    torch.manual_seed(4)
-    angles = torch.rand(3, 15, 3) * torch.tensor([1.0, 0.1, 0.0])
-    place = torch.tensor([[0.02, 0.01, 0.5], [-0.03, 0.0, 0.6], [0.0, 0.0, 0.5]])
-    parameters = HandParameters(
-        angles, torch.zeros(3, 10), six_d_to_rotation(torch.randn(3, 6)), place
-    )
-    left = torch.tensor([side == "left" for side in SIDES])
-    sign = torch.where(left[:, None, None], torch.diag(torch.tensor([-1.0, 1, 1])), torch.eye(3))
-    seen = project((hand.place(parameters).landmarks @ sign).double(), CAMERA.expand(3, 3, 3))
-    labelled = torch.ones(3, 21, dtype=torch.bool)
-    labelled[0, 5], labelled[2] = False, False
-    seen[~labelled] = torch.nan
-    observed = LandmarkSet(
-        seen, labelled, left, ("a b.jpg", "b/c.png", "third"), intrinsics=CAMERA.expand(3, 3, 3)
-    )
-    crops = to_crops(observed)
-    moved = dataclasses.replace(parameters, translation=place + torch.tensor([off, 0.0, 0.0]))
-    posed = hand.place(moved)
-    camera = crops.batch.intrinsics
-    assert camera is not None
-    prediction = HandPrediction(
-        moved, posed.vertices, posed.joints, posed.landmarks, project(posed.landmarks, camera),
-        torch.full((3, 21, 2), 2.0).log(), camera,
-    )  # fmt: skip
-    if not calibrated:
-        observed = dataclasses.replace(observed, intrinsics=None)
-        crops = to_crops(observed)
-        assumed = default_intrinsics(224, place).expand(3, 3, 3)
-        prediction = dataclasses.replace(
-            prediction, intrinsics=assumed, landmarks_2d=project(posed.landmarks, assumed)
-        )
-    loss = {"data": torch.tensor([1.0, 3.0, torch.nan]), "pose": torch.zeros(3)}
-    return fitted_hands(observed, crops, prediction, loss)
+from tests.support.fitted_hands import CAMERA, SIDES, SMALL_RESULTS, fitted
 
 
 def read(folder: Path) -> list[dict[str, Any]]:
@@ -102,7 +60,7 @@ def test_every_hand_has_its_entry_and_the_numbers_agree_with_each_other(
 def test_a_hand_that_was_not_seen_keeps_its_place_with_nulls(
     hand: HandModel, tmp_path: Path
 ) -> None:
-    write_results(tmp_path, [fitted(hand)], hand.faces, SMALL)
+    write_results(tmp_path, [fitted(hand)], hand.faces, SMALL_RESULTS)
     last = read(tmp_path)[2]
     assert last["fitted"] is False
     told = {"name", "side", "fitted"}
@@ -158,7 +116,7 @@ def test_a_hand_whose_fit_ran_away_is_not_fitted(hand: HandModel, tmp_path: Path
     bad = dataclasses.replace(
         good, prediction=dataclasses.replace(good.prediction, landmarks_3d=points)
     )
-    summary = write_results(tmp_path, [bad], hand.faces, SMALL)
+    summary = write_results(tmp_path, [bad], hand.faces, SMALL_RESULTS)
     assert [entry["fitted"] for entry in read(tmp_path)] == [True, False, False]
     assert summary["fitted"] == 1
 
@@ -167,7 +125,7 @@ def test_angles_are_degrees_in_the_order_that_the_file_beside_it_names(
     hand: HandModel, tmp_path: Path
 ) -> None:
     part = fitted(hand)
-    write_results(tmp_path, [part], hand.faces, SMALL)
+    write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     names = json.loads((tmp_path / "joints.json").read_text())
     assert names["joints"] == list(ARTICULATED)
     assert names["axes"] == list(AXES)
@@ -182,7 +140,7 @@ def test_an_unknown_camera_and_an_unknown_sigma_are_said_to_be(
     hand: HandModel, tmp_path: Path
 ) -> None:
     part = dataclasses.replace(fitted(hand, calibrated=False), has_sigma=False)
-    write_results(tmp_path, [part], hand.faces, SMALL)
+    write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     entry = read(tmp_path)[0]
     assert entry["camera"]["known"] is False
     assert entry["sigma"] is None
@@ -192,7 +150,7 @@ def test_parts_are_one_list_and_the_summary_is_of_all_of_them(
     hand: HandModel, tmp_path: Path
 ) -> None:
     parts = (fitted(hand, off=off) for off in (0.0, 0.01))
-    summary = write_results(tmp_path, parts, hand.faces, SMALL)
+    summary = write_results(tmp_path, parts, hand.faces, SMALL_RESULTS)
     assert len(read(tmp_path)) == 6
     assert (summary["hands"], summary["fitted"], summary["left"]) == (6, 4, 2)
     # 20 and 21 landmarks are labelled, twice; 1 cm at half a metre is some 14 px at f = 700.
@@ -208,7 +166,7 @@ def test_a_residual_is_the_mean_distance_in_pixels(hand: HandModel, tmp_path: Pa
     part = dataclasses.replace(
         part, prediction=dataclasses.replace(part.prediction, landmarks_2d=moved)
     )
-    summary = write_results(tmp_path, [part], hand.faces, SMALL)
+    summary = write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     assert summary["residual"] == pytest.approx(5.0, abs=0.02)
     assert read(tmp_path)[0]["residual"] == pytest.approx(5.0, abs=0.02)
     scales = part.scale[:2].double()
@@ -221,7 +179,7 @@ def test_meshes_are_in_metres_and_face_outwards_on_either_hand(
     hand: HandModel, tmp_path: Path, kind: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     part = fitted(hand)
-    options = dataclasses.replace(SMALL, mesh_format=kind, pictures=0)
+    options = dataclasses.replace(SMALL_RESULTS, mesh_format=kind, pictures=0)
     with caplog.at_level(logging.INFO):
         write_results(tmp_path, [part], hand.faces, options)
     assert "meshes of the first 2 hands only, 1 are left out; raise meshes for more" in caplog.text
@@ -237,10 +195,10 @@ def test_meshes_are_in_metres_and_face_outwards_on_either_hand(
 def test_nothing_is_overwritten(hand: HandModel, tmp_path: Path) -> None:
     assert claim_results_folder(tmp_path / "run") == tmp_path / "run"
     assert claim_results_folder(tmp_path / "run") == tmp_path / "run"
-    write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL)
+    write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
     before = (tmp_path / "run" / "fit.json").read_text()
     with pytest.raises(FileExistsError, match=r"already holds fit\.json, meshes, pictures of"):
-        write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL)
+        write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
     assert (tmp_path / "run" / "fit.json").read_text() == before
 
 
@@ -252,14 +210,14 @@ def test_what_was_fitted_before_an_error_is_kept_under_another_name(
         raise RuntimeError("out of memory")
 
     with pytest.raises(RuntimeError, match="out of memory"):
-        write_results(tmp_path, parts(), hand.faces, SMALL)
+        write_results(tmp_path, parts(), hand.faces, SMALL_RESULTS)
     assert not (tmp_path / "fit.json").exists()
     assert len(json.loads((tmp_path / "fit.json.part").read_text())) == 3
 
 
 def test_fit_json_can_be_fitted_to_again(hand: HandModel, tmp_path: Path) -> None:
     part = fitted(hand)
-    write_results(tmp_path, [part], hand.faces, SMALL)
+    write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     again = read_landmarks(tmp_path / "fit.json")
     assert again.names == part.observed.names
     assert torch.equal(again.left, part.observed.left)

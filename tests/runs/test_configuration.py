@@ -5,26 +5,22 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
+from hand_recon.command_line.configuration_files import CONF
+from hand_recon.command_line.resolvers import folder_name
 from hand_recon.fitting.descent import Descent
 from hand_recon.fitting.results import ResultOptions
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import AXES
+from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.terms import RangeOfMotionTerm
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from hand_recon.runs.building import build_data, build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, fingerprint, read_checkpoint
-from hand_recon.runs.configuration import (
-    CONF,
-    TRUSTED,
-    build_data,
-    build_module,
-    claim_folder,
-    folder_name,
-    instantiate,
-)
+from hand_recon.runs.configuration import TRUSTED, claim_folder, instantiate
 from hand_recon.training.module import HandReconstruction
 from hand_recon.uncertainty import (
     DataTerm,
@@ -35,6 +31,7 @@ from hand_recon.uncertainty import (
     SquaredError,
     Staged,
 )
+from tests.support.configurations import composed
 
 EXPERIMENTS = sorted(
     path.stem
@@ -53,45 +50,46 @@ ROWS = {
 """Table 1: data term, λ₁, functional anatomy, λ₂."""
 
 
-def composed(*overrides: str, name: str = "train") -> DictConfig:
-    with initialize_config_dir(CONF, version_base="1.3"):
-        run = [] if name == "fit" else ["paths.run=/nowhere"]
-        config = compose(name, [*overrides, *run], return_hydra_config=True)
-        HydraConfig.instance().set_config(config)
-    return config
-
-
 def test_the_defaults_are_the_first_run() -> None:
     config = composed()
     assert config.data.level == "easy"
     assert config.crop_size == config.data.crop_size == 64
-    assert config.prior.range_of_motion == 20_000.0
+    assert config.prior.range_of_motion.weight == 20_000.0
 
 
 @pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
 def test_the_rows_of_table_1_differ_in_prior_and_data_term_alone(
     row: int, expected: tuple[str, float, bool, float]
 ) -> None:
-    default, config = composed(), composed(f"+experiment=ablation_row{row}")
+    default, config = composed(), composed(f"experiment=ablation_row{row}")
     prior = config.prior
     assert HydraConfig.get().runtime.choices["data_term"] == expected[0]
-    assert prior.shape == 10.0
-    assert prior.range_of_motion == expected[1]
-    assert (prior.functional_anatomy, prior.non_penetration) == expected[2:]
+    assert prior.shape.weight == 10.0
+    moves = prior.range_of_motion
+    assert (0.0 if moves is None else moves.weight) == expected[1]
+    assert (moves is not None and moves.anatomy is not None) == expected[2]
+    penetrates = prior.non_penetration
+    assert (0.0 if penetrates is None else penetrates.weight) == expected[3]
+    assert set(prior) == {"range_of_motion", "non_penetration", "shape"}
     for group in ("data", "model", "optimizer", "trainer", "hand"):
         assert config[group] == default[group], group
 
 
 @pytest.mark.parametrize(("row", "expected"), list(ROWS.items()))
 def test_every_row_of_table_1_builds(row: int, expected: tuple[str, float, bool, float]) -> None:
-    module = build_module(composed(f"+experiment=ablation_row{row}"))
+    module = build_module(composed(f"experiment=ablation_row{row}"))
     data_term, range_of_motion, anatomy, non_penetration = expected
     assert module.data_term.stages == (2 if data_term == "mse_then_nll" else 1)
-    assert module.prior.weights["range_of_motion"] == range_of_motion
-    assert module.prior.weights["non_penetration"] == non_penetration
-    assert module.prior.weights["shape"] == 10.0
-    assert (module.prior.anatomy is not None) == anatomy
-    assert (module.prior.surface is not None) == bool(non_penetration)
+    expected_weights = {
+        "range_of_motion": range_of_motion, "non_penetration": non_penetration, "shape": 10.0
+    }  # fmt: skip
+    expected_weights = {name: weight for name, weight in expected_weights.items() if weight}
+    # In the order of Eq. 5, in which they are added.
+    assert list(module.prior.weights.items()) == list(expected_weights.items())
+    if range_of_motion:
+        term = module.prior.terms["range_of_motion"]
+        assert isinstance(term, RangeOfMotionTerm)
+        assert (term.anatomy is not None) == anatomy
     assert module.supervision is None
 
 
@@ -161,11 +159,25 @@ def test_the_priors_to_compare_with_are_what_they_say() -> None:
     weights = {
         name: small(f"prior={name}").prior.weights for name in ("none", "pca_mean", "ranges_only")
     }
-    assert (weights["none"]["range_of_motion"], weights["none"]["pose_components"]) == (0, 0)
+    assert weights["none"] == {"shape": 10.0}
     assert weights["pca_mean"] == weights["none"] | {"pose_components": 10.0}
-    prior = small("prior=ranges_only").prior
-    assert prior.upper[:, AXES.index("twist")].isinf().all()
-    assert prior.upper[:, AXES.index("bend")].isfinite().all()
+    term = small("prior=ranges_only").prior.terms["range_of_motion"]
+    assert isinstance(term, RangeOfMotionTerm)
+    assert term.upper[:, AXES.index("twist")].isinf().all()
+    assert term.upper[:, AXES.index("bend")].isfinite().all()
+
+
+def test_every_term_of_the_prior_can_be_overridden() -> None:
+    """A weight of zero switches a term off, null too, and the rules of functional anatomy are settings."""
+    prior = small(
+        "prior=full", "prior.range_of_motion.weight=5", "prior.non_penetration.weight=0",
+        "prior.range_of_motion.anatomy.variant=printed", "prior.range_of_motion.ranges=paper_release",
+        "prior.shape=null",
+    ).prior  # fmt: skip
+    assert prior.weights == {"range_of_motion": 5}
+    term = prior.terms["range_of_motion"]
+    assert isinstance(term, RangeOfMotionTerm)
+    assert term.anatomy == FunctionalAnatomy(variant="printed")
 
 
 def test_3d_labels_are_used_only_where_they_are_asked_for() -> None:
@@ -214,12 +226,12 @@ def test_the_paper_recipe_has_the_settings_of_section_4_1() -> None:
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_composes_and_builds_its_data(experiment: str) -> None:
-    assert build_data(composed(f"+experiment={experiment}")).crop_size == 64
+    assert build_data(composed(f"experiment={experiment}")).crop_size == 64
 
 
 @pytest.mark.parametrize("row", ROWS)
 def test_the_rows_of_table_1_go_with_freihand_too(row: int) -> None:
-    config = composed(f"+experiment=ablation_row{row}", "data=freihand", "data.root=/nowhere")
+    config = composed(f"experiment=ablation_row{row}", "data=freihand", "data.root=/nowhere")
     assert build_data(config).name == "freihand"
 
 
@@ -229,7 +241,7 @@ def test_a_dataset_without_its_folder_is_refused_with_the_cure() -> None:
 
 
 def test_long_overrides_make_short_names_that_differ() -> None:
-    assert folder_name("+experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
+    assert folder_name("experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
     long = ",".join(f"some.key{number}=some/value" for number in range(40))
     names = {folder_name(long), folder_name(long + ",seed=1"), folder_name(long + ",seed=2")}
     assert len(names) == 3

@@ -3,60 +3,43 @@
 from pathlib import Path
 
 import pytest
-import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.hand.model import HandModel
-from hand_recon.runs.configuration import CONF, build_data, build_prior
+from hand_recon.knowledge.adversarial import AdversarialTerm
+from hand_recon.runs.building import build_data
+from hand_recon.runs.configuration import build_prior
 from hand_recon.tables.conditions import differences
-from hand_recon.tables.published import TABLE_3A, TABLE_3B, TABLES_2
 from hand_recon.tables.runs import flattened
-from tests.runs.test_configuration import composed
+from tests.support.configurations import composed
+from tests.support.paper_experiments import PAPER_EXPERIMENTS
 
 EXPERIMENTS = sorted((Path(CONF) / "experiment").glob("*.yaml"))
 
-PAPERS = {
-    row.experiment: table.dataset
-    for table in (*TABLES_2, TABLE_3A, TABLE_3B)
-    for row in table.rows
-    if row.experiment is not None
-}
-"""Experiments of Tables 2 and 3, and on what the paper measured them."""
 
-
-def absent(experiment: Path) -> list[str]:
-    """Members of groups that an experiment names and that are not there."""
-    named = [
-        next(iter(one.items()))
-        for one in yaml.safe_load(experiment.read_text()).get("defaults", [])
-    ]
-    paths = [f"{group.removeprefix('override /')}/{member}.yaml" for group, member in named]
-    return [path for path in paths if not (Path(CONF) / path).is_file()]
-
-
-def of(experiment: str, *overrides: str) -> DictConfig:
-    path = Path(CONF) / "experiment" / f"{experiment}.yaml"
-    if missing := absent(path):
-        pytest.skip(f"needs {', '.join(missing)} in conf/")
-    return composed(f"+experiment={experiment}", *overrides)
+def composed_experiment(experiment: str, *overrides: str) -> DictConfig:
+    return composed(f"experiment={experiment}", *overrides)
 
 
 @pytest.mark.parametrize("path", EXPERIMENTS, ids=lambda path: path.stem)
 def test_every_experiment_composes_under_its_own_name(path: Path) -> None:
-    config = of(path.stem, *(["data.root=/nowhere"] if path.stem in PAPERS else []))
+    config = composed_experiment(
+        path.stem, *(["data.root=/nowhere"] if path.stem in PAPER_EXPERIMENTS else [])
+    )
     assert config.name == path.stem
 
 
 def test_the_papers_tables_have_an_experiment_for_every_row_that_is_the_papers() -> None:
-    assert set(PAPERS) <= {path.stem for path in EXPERIMENTS}
-    assert len(PAPERS) == 3 + 2 + 3
+    assert set(PAPER_EXPERIMENTS) <= {path.stem for path in EXPERIMENTS}
+    assert len(PAPER_EXPERIMENTS) == 3 + 2 + 3
 
 
-@pytest.mark.parametrize("experiment", PAPERS)
+@pytest.mark.parametrize("experiment", PAPER_EXPERIMENTS)
 def test_the_papers_settings_are_those_of_section_4_1(experiment: str) -> None:
-    config = of(experiment, "data.root=/nowhere")
+    config = composed_experiment(experiment, "data.root=/nowhere")
     assert config.model.encoder.backbone == "resnet50"
     assert config.crop_size == config.data.crop.size == 224
     assert (config.data.batch_size, config.trainer.max_epochs) == (64, 200)
@@ -66,11 +49,11 @@ def test_the_papers_settings_are_those_of_section_4_1(experiment: str) -> None:
     assert config.hand._target_ == "hand_recon.hand.mano.hand.mano_hand"
 
 
-@pytest.mark.parametrize("experiment", PAPERS)
+@pytest.mark.parametrize("experiment", PAPER_EXPERIMENTS)
 def test_the_report_finds_no_difference_to_the_papers_rows(experiment: str) -> None:
     """The list of what differs is empty for the experiment itself: only the test hands are not known yet."""
-    dataset = PAPERS[experiment]
-    config = of(experiment, "data.root=/nowhere")
+    dataset = PAPER_EXPERIMENTS[experiment]
+    config = composed_experiment(experiment, "data.root=/nowhere")
     settings = flattened(OmegaConf.to_container(config, resolve=False))  # type: ignore[arg-type]  # a mapping
     settings |= {
         "data": dataset,
@@ -82,7 +65,9 @@ def test_the_report_finds_no_difference_to_the_papers_rows(experiment: str) -> N
 
 def test_the_shares_of_3d_labels_are_those_of_the_table() -> None:
     shares = {
-        name: of(name, "data.root=/nowhere").get("supervision", {}).get("fraction", 0.0)
+        name: composed_experiment(name, "data.root=/nowhere")
+        .get("supervision", {})
+        .get("fraction", 0.0)
         for name in ("table3b_0", "table3b_10", "table3b_100")
     }
     assert shares == {"table3b_0": 0.0, "table3b_10": 0.1, "table3b_100": 1.0}
@@ -92,7 +77,7 @@ def test_the_shares_of_3d_labels_are_those_of_the_table() -> None:
     "experiment", ["table2_freihand", "table3b_0", "table3b_10", "table3b_100"]
 )
 def test_freihands_experiments_compare_surfaces_in_manos_numbering(experiment: str) -> None:
-    config = of(experiment, "data.root=/nowhere")
+    config = composed_experiment(experiment, "data.root=/nowhere")
     data = build_data(config)
     assert (data.name, data.crop_size, config.data.topology) == ("freihand", 224, "mano")
 
@@ -103,13 +88,14 @@ def adversarial_prior(root: str) -> DictConfig:
     assert isinstance(own, DictConfig)
     prior = OmegaConf.merge(composed("prior=adversarial").prior, own.prior)
     assert isinstance(prior, DictConfig)
-    prior.adversary.real.root = root
+    prior.adversarial.real.root = root
     return prior
 
 
 def test_the_data_driven_prior_takes_its_real_hands_from_freihand(hand: HandModel) -> None:
-    adversary = build_prior(adversarial_prior("/nowhere/FreiHAND"), hand).adversary
-    assert adversary is not None
+    term = build_prior(adversarial_prior("/nowhere/FreiHAND"), hand).terms["adversarial"]
+    assert isinstance(term, AdversarialTerm)
+    adversary = term.adversary
     assert isinstance(adversary.source, FreiHandDataModule)
     assert str(adversary.source.recipe.root) == "/nowhere/FreiHAND"
     assert adversary.learning_rate == 1e-4
@@ -118,5 +104,5 @@ def test_the_data_driven_prior_takes_its_real_hands_from_freihand(hand: HandMode
 def test_a_data_driven_prior_without_its_hands_says_which_folder_is_missing(
     hand: HandModel,
 ) -> None:
-    with pytest.raises(MissingMandatoryValue, match=r"adversary\.real\.root"):
+    with pytest.raises(MissingMandatoryValue, match=r"adversarial\.real\.root"):
         build_prior(adversarial_prior("???"), hand)

@@ -12,7 +12,7 @@ SIZE = (120, 160)
 
 
 def annotated(root: Path, left: tuple[bool, ...] = (False, True, True)) -> AnnotatedHands:
-    """Hands with a white dot at each landmark; the last two share a image."""
+    """Hands with a white dot at each landmark; the last two share an image."""
     rng = np.random.default_rng(4)
     hands = len(left)
     landmarks = rng.uniform((-0.03, -0.05, 0.55), (0.07, 0.05, 0.65), (hands, 21, 3))

@@ -26,8 +26,15 @@ PAPERS: dict[str, Any] = {
     "data": {"batch_size": 64},
     "optimizer": {"_target_": "torch.optim.Adam", "lr": 1e-5, "weight_decay": 1e-4},
     "prior": {
-        "range_of_motion": 20_000.0, "functional_anatomy": True, "non_penetration": 20_000.0,
-        "shape": 10.0, "pose_components": 0.0, "adversarial": 0.0,
+        "range_of_motion": {
+            "weight": 20_000.0,
+            "anatomy": {
+                "_target_": "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy",
+                "variant": "paper",
+            },
+        },
+        "non_penetration": {"weight": 20_000.0},
+        "shape": {"weight": 10.0},
     },
     "data_term": {
         "_target_": "hand_recon.uncertainty.Staged",
@@ -38,8 +45,8 @@ PAPERS: dict[str, Any] = {
 """What a run with all of the paper's settings was configured with, as much as matters here."""
 
 ADVERSARIAL = {
-    "prior.range_of_motion": 0.0, "prior.functional_anatomy": False, "prior.non_penetration": 0.0,
-    "prior.adversarial": 1000.0,
+    "prior.range_of_motion": None, "prior.non_penetration": None,
+    "prior.adversarial.weight": 1000.0,
 }  # fmt: skip
 
 
@@ -76,12 +83,12 @@ def test_the_published_numbers_are_the_papers() -> None:
         "the paper": ((8.5, 8.9), (6.7, 22.0), (10.0, 0.800, 9.8, 0.804)),
     }
     columns = (("E_J", "E_V"), ("E_J", "E_RV"), ("E_J", "AUC_J", "E_V", "AUC_V"))
-    for place, (table, names) in enumerate(zip(TABLES_2, columns, strict=True)):
+    for column, (table, names) in enumerate(zip(TABLES_2, columns, strict=True)):
         assert table.scores == names
         expected = {
             who: known
             for who, scores in printed.items()
-            if (known := {n: v for n, v in zip(names, scores[place], strict=True) if v is not None})
+            if (known := {n: v for n, v in zip(names, scores[column], strict=True) if v is not None})
         }
         found = {row.label.split(" et al.")[0]: row.scores for row in table.rows}
         assert found == expected
@@ -102,8 +109,8 @@ def test_a_run_with_the_papers_settings_stands_below_its_row_without_a_differenc
     for seed, error in enumerate((8.0, 9.0)):
         config = settings("table2_freihand", seed)
         run(tmp_path / f"runs/{seed}", config, {"E_J": error, "E_V": 9.5}, "freihand")
-    told = report(report_config(tmp_path / "runs", tmp_path / "out"))
-    assert told["tables"] == ["Table 2: FreiHAND"]
+    found = report(report_config(tmp_path / "runs", tmp_path / "out"))
+    assert found["tables"] == ["Table 2: FreiHAND"]
     table = lines(tmp_path / "out", "2_freihand")
     assert [line["source"] for line in table] == ["paper"] * 6 + ["ours"]
     ours = table[-1]
@@ -128,8 +135,10 @@ def test_a_run_with_the_papers_settings_stands_below_its_row_without_a_differenc
         ({"optimizer.lr": 1e-3}, 3960, "learning rate 0.001"),
         ({"trainer.limit_train_batches": 8}, 3960, "trainer.limit_train_batches=8"),
         ({"data.partial": True}, 3960, "data.partial=True"),
-        ({"prior.non_penetration": 0.0}, 3960, "prior.non_penetration=0.0"),
-        ({"prior.pose_components": 10.0}, 3960, "prior.pose_components=10.0"),
+        ({"prior.non_penetration.weight": 0.0}, 3960, "prior.non_penetration.weight=0.0"),
+        ({"prior.non_penetration": None}, 3960, "prior.non_penetration.weight=0.0"),
+        ({"prior.range_of_motion.anatomy": None}, 3960, "prior.range_of_motion.anatomy=None"),
+        ({"prior.pose_components.weight": 10.0}, 3960, "prior.pose_components.weight=10.0"),
         ({"supervision.fraction": 0.5}, 3960, "3D labels of 50 %"),
         ({"data_term.second.beta": 0.5}, 3960, "another data term than MSE, then NLL"),
     ],
@@ -151,7 +160,7 @@ def test_what_was_not_recorded_is_unknown_rather_than_equal() -> None:
         ("trainer.max_epochs", "unknown epochs"), ("optimizer.lr", "learning rate unknown"),
         ("model.encoder.backbone", "unknown backbone"), ("hand._target_", "hand"),
         ("test_hands", "unknown number of test hands, not FreiHAND's 3960"),
-        ("prior.shape", "prior.shape=unknown"),
+        ("prior.shape.weight", "prior.shape.weight=unknown"),
     ):  # fmt: skip
         without = {name: value for name, value in config.items() if name != key}
         assert len(differences(without, "freihand", "table2_freihand")) == 1, key
@@ -180,13 +189,13 @@ def test_priors_on_synthetic_views_stand_beside_the_papers_and_say_where_they_ar
         "trainer.max_epochs": 10,
     }  # fmt: skip
     for name, changes, error in (
-        ("adversarial", ADVERSARIAL, 11.0), ("full", {}, 9.0), ("flat", {"prior.shape": 0.0}, 8.0),
+        ("adversarial", ADVERSARIAL, 11.0), ("full", {}, 9.0), ("flat", {"prior.shape.weight": 0.0}, 8.0),
         ("beta", {"data_term.second.beta": 0.5}, 7.0)
     ):  # fmt: skip
         config = settings(name, **lifter, **changes)
         run(tmp_path / "runs" / name, config, {"E_J": error}, "views", 1000)
-    told = report(report_config(tmp_path / "runs", tmp_path / "out"))
-    assert told["tables"] == ["Table 3 (a): knowledge against a prior from 3D data, on DexYCB"]
+    found = report(report_config(tmp_path / "runs", tmp_path / "out"))
+    assert found["tables"] == ["Table 3 (a): knowledge against a prior from 3D data, on DexYCB"]
     table = lines(tmp_path / "out", "3a")
     assert [(line["method"], line["E_J_mean"]) for line in table] == [
         ("FreiHAND-3D", "8.3"), ("ours, adversarial", "11.0"), ("the paper", "6.7"),
@@ -202,7 +211,7 @@ def test_priors_on_synthetic_views_stand_beside_the_papers_and_say_where_they_ar
 
 def test_the_discriminator_of_the_paper_has_seen_freihand(tmp_path: Path) -> None:
     source = {
-        "prior.adversary.real._target_": "hand_recon.data.freihand.datamodule.FreiHandDataModule"
+        "prior.adversarial.real._target_": "hand_recon.data.freihand.datamodule.FreiHandDataModule"
     }
     for name, more in (("table3a_adversarial", source), ("own_hands", {})):
         config = settings(name, **ADVERSARIAL, **more)
@@ -213,13 +222,11 @@ def test_the_discriminator_of_the_paper_has_seen_freihand(tmp_path: Path) -> Non
     assert differs["ours, own_hands"] == "real hands of other data than FreiHAND"
     # In Table 2, where knowledge is the prior, the same run is another method.
     other = {line["method"]: line["differs"] for line in lines(tmp_path / "out", "2_dexycb")}
-    assert "prior.adversarial=1000.0" in other["ours, table3a_adversarial"]
+    assert "prior.adversarial.weight=1000.0" in other["ours, table3a_adversarial"]
 
 
 def test_shares_of_3d_labels_stand_below_the_share_that_they_repeat(tmp_path: Path) -> None:
-    without = {
-        "prior.range_of_motion": 0.0, "prior.functional_anatomy": False, "prior.non_penetration": 0.0,
-    }  # fmt: skip
+    without = {"prior.range_of_motion": None, "prior.non_penetration": None}
     for name, changes in (
         ("table3b_0", {}), ("table3b_10", {"supervision.fraction": 0.1}),
         ("table3b_100", {"supervision.fraction": 1.0, **without}),
@@ -232,8 +239,9 @@ def test_shares_of_3d_labels_stand_below_the_share_that_they_repeat(tmp_path: Pa
     table = lines(tmp_path / "out", "3b")
     assert [(line["method"], line["differs"]) for line in table if line["source"] == "ours"] == [
         ("ours, table3b_100", ""),
-        ("ours, full_and_knowledge", "prior.range_of_motion=20000.0; prior.functional_anatomy=True; "
-                                     "prior.non_penetration=20000.0"),
+        ("ours, full_and_knowledge", "prior.range_of_motion.weight=20000.0; "
+                                     "prior.range_of_motion.anatomy=FunctionalAnatomy; "
+                                     "prior.non_penetration.weight=20000.0"),
         ("ours, table3b_0", ""),
         ("ours, table3b_10", ""),
         ("ours, a_fifth", "3D labels of 20 %"),

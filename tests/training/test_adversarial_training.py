@@ -9,31 +9,24 @@ from typing import Any
 import lightning
 import pytest
 import torch
-from omegaconf import DictConfig, open_dict
 
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.data.synthetic.datamodule import SyntheticDataModule
 from hand_recon.data.synthetic.dataset import SyntheticHands
+from hand_recon.runs.building import build_data, build_module
 from hand_recon.runs.checkpoints import load_trained
-from hand_recon.runs.configuration import build_data, build_module
-from hand_recon.train import train
+from hand_recon.runs.training_run import train
 from hand_recon.training.module import HandReconstruction
-from tests.runs.test_configuration import composed
+from tests.support.configurations import settings
+from tests.support.small_runs import LIGHTNING_WARNINGS
 
-pytestmark = pytest.mark.filterwarnings(
-    # Lightning's own, on Python 3.11 and this torch.
-    "ignore:.*treespec:FutureWarning",
-    "ignore:.*LeafSpec",
-    "ignore:.*does not have many workers",
-    "ignore:.*litlogger",
-    # A continued run writes into a folder of its own.
-    "ignore:The dirpath has changed",
-)
+pytestmark = LIGHTNING_WARNINGS
 
 SMALL = (
     "recipe=lifter", "prior=adversarial", "data_term=mse", "synthetic.train=32", "synthetic.val=8",
     "synthetic.test=8", "data.render_workers=1", "data.batch_size=16", "model.width=32",
-    "model.encoder.width=32", "model.encoder.depth=1", "model.encoder.hidden=0.0", "optimizer.schedule=null",
+    "model.encoder.width=32", "model.encoder.depth=1", "model.encoder.landmark_dropout=0.0",
+    "optimizer.schedule=null",
     "trainer.max_epochs=2", "trainer.check_val_every_n_epoch=1", "trainer.accelerator=cpu",
     "report.images=0",
 )  # fmt: skip
@@ -44,18 +37,10 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cache")
 
 
-def settings(cache: Path, folder: Path, *overrides: str) -> DictConfig:
-    config = composed(*SMALL, *overrides)
-    with open_dict(config):
-        config.paths = {"cache": str(cache), "output": str(folder), "run": str(folder)}
-        del config["hydra"]
-    return config
-
-
 @pytest.fixture(scope="module")
 def run(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    train(settings(cache, folder))
+    train(settings(cache, folder, *SMALL))
     return folder
 
 
@@ -64,15 +49,15 @@ def last(folder: Path) -> dict[str, Any]:
     return dict(torch.load(path, weights_only=True)["state_dict"])
 
 
-def judges(state: dict[str, Any]) -> dict[str, torch.Tensor]:
+def discriminator_weights(state: dict[str, Any]) -> dict[str, torch.Tensor]:
     return {name: value for name, value in state.items() if "adversary.discriminator" in name}
 
 
-def test_a_run_trains_the_judge_once_per_step_and_its_checkpoint_loads(run: Path) -> None:
+def test_a_run_trains_the_discriminator_once_per_step_and_its_checkpoint_loads(run: Path) -> None:
     """Two epochs of two batches are four steps."""
-    assert last(run)["prior.adversary._extra_state"]["steps"] == 4
+    assert last(run)["prior.terms.adversarial.adversary._extra_state"]["steps"] == 4
     module = load_trained(run).module
-    for name, value in judges(module.state_dict()).items():
+    for name, value in discriminator_weights(module.state_dict()).items():
         assert torch.equal(value, torch.load(
             run / "checkpoints" / "best.ckpt", weights_only=True
         )["state_dict"][name])  # fmt: skip
@@ -82,21 +67,25 @@ def test_a_run_trains_the_judge_once_per_step_and_its_checkpoint_loads(run: Path
     )
 
 
-def test_a_run_that_is_continued_has_the_judge_of_one_that_was_not(
+def test_a_run_that_is_continued_has_the_discriminator_of_one_that_was_not(
     run: Path, cache: Path, tmp_path: Path
 ) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
-    train(settings(cache, first, "trainer.max_epochs=1"))
-    train(settings(cache, second, f"resume={first}"))
-    whole, continued, half = (judges(last(folder)) for folder in (run, second, first))
+    train(settings(cache, first, *SMALL, "trainer.max_epochs=1"))
+    train(settings(cache, second, *SMALL, f"resume={first}"))
+    whole, continued, half = (
+        discriminator_weights(last(folder)) for folder in (run, second, first)
+    )
     for name, value in whole.items():
         torch.testing.assert_close(continued[name], value, rtol=1e-3, atol=1e-5)
         assert not torch.equal(half[name], value)
 
 
-def test_the_networks_optimizer_never_holds_the_judges_weights(run: Path, cache: Path) -> None:
-    module = build_module(settings(cache, run))
-    adversary = module.prior.adversary
+def test_the_networks_optimizer_never_holds_the_discriminators_weights(
+    run: Path, cache: Path
+) -> None:
+    module = build_module(settings(cache, run, *SMALL))
+    adversary = module.adversary
     assert adversary is not None
     module._trainer = None
     optimizer = module.configure_optimizers()
@@ -106,33 +95,33 @@ def test_the_networks_optimizer_never_holds_the_judges_weights(run: Path, cache:
     assert not held & {id(weight) for weight in adversary.parameters()}
 
 
-def test_the_networks_loss_reaches_its_own_weights_and_not_the_judges(
+def test_the_networks_loss_reaches_its_own_weights_and_not_the_discriminators(
     cache: Path, tmp_path: Path
 ) -> None:
-    config = settings(cache, tmp_path)
+    config = settings(cache, tmp_path, *SMALL)
     module, data = build_module(config), build_data(config)
-    adversary = module.prior.adversary
+    adversary = module.adversary
     real = data.train_parameters()
     assert adversary is not None
     assert real is not None
-    adversary.meet(real)
+    adversary.set_real_hands(real)
     batch = next(iter(data.val_dataloader()))
-    judged = module.losses(batch, module(batch))["weighted/adversarial"]
-    judged.backward()
+    loss = module.losses(batch, module(batch))["weighted/adversarial"]
+    loss.backward()
     assert all(weight.grad is None for weight in adversary.parameters())
     gradients = [weight.grad for weight in module.regressor.parameters()]
     assert sum(float(one.abs().sum()) for one in gradients if one is not None) > 0
 
 
-def test_the_best_checkpoint_is_not_chosen_by_a_judge_that_changes(
+def test_the_best_checkpoint_is_not_chosen_by_a_discriminator_that_changes(
     cache: Path, tmp_path: Path
 ) -> None:
-    config = settings(cache, tmp_path)
+    config = settings(cache, tmp_path, *SMALL)
     module, data = build_module(config), build_data(config)
     real = data.train_parameters()
-    assert module.prior.adversary is not None
+    assert module.adversary is not None
     assert real is not None
-    module.prior.adversary.meet(real)
+    module.adversary.set_real_hands(real)
     seen: dict[str, torch.Tensor] = {}
     module._log = lambda stage, losses, batch_size: seen.update(losses)  # type: ignore[method-assign]
     module.validation_step(next(iter(data.val_dataloader())), 0)
@@ -168,10 +157,10 @@ def test_data_without_pose_and_shape_are_refused_with_the_cure(
     splits = [partial(views, split) for split in ("train", "val", "test")]
     data = Without(*splits, crop_size=224, batch_size=16)
     assert data.train_parameters(5) is None
-    module = build_module(settings(cache, tmp_path))
-    with pytest.raises(ValueError, match=r"without has none.*prior\.adversary\.real.*prior=full"):
+    module = build_module(settings(cache, tmp_path, *SMALL))
+    with pytest.raises(ValueError, match=r"without has none.*prior\.adversarial\.real.*prior=full"):
         trainer().fit(module, datamodule=data)
-    module = build_module(settings(cache, tmp_path))
+    module = build_module(settings(cache, tmp_path, *SMALL))
     with pytest.raises(ValueError, match="there is no datamodule"):
         trainer().fit(module, data.train_dataloader(), data.val_dataloader())
 
@@ -187,15 +176,15 @@ def test_the_real_hands_may_be_those_of_other_data(
         "train_size": 16, "val_size": 8, "test_size": 8, "crop_size": 224, "cache_dir": str(cache),
         "pictures": False,
     }  # fmt: skip
-    config = settings(cache, tmp_path)
-    config.prior.adversary.real = other
+    config = settings(cache, tmp_path, *SMALL)
+    config.prior.adversarial.real = other
     module = build_module(config)
-    before = copy.deepcopy(judges(module.state_dict()))
+    before = copy.deepcopy(discriminator_weights(module.state_dict()))
     trainer().fit(module, datamodule=data)
-    assert module.prior.adversary is not None
-    assert module.prior.adversary._real is not None
-    assert len(module.prior.adversary._real.shape) == 16
-    after = judges(module.state_dict())
+    assert module.adversary is not None
+    assert module.adversary._real is not None
+    assert len(module.adversary._real.shape) == 16
+    after = discriminator_weights(module.state_dict())
     assert all(not torch.equal(value, after[name]) for name, value in before.items())
 
 
@@ -221,7 +210,7 @@ def test_other_priors_pay_nothing_for_it(cache: Path, tmp_path: Path) -> None:
     def never(self: HandDataModule, limit: int | None = None) -> None:
         raise AssertionError("Only prior=adversarial may ask for 3D.")
 
-    config = settings(cache, tmp_path, "prior=none")
+    config = settings(cache, tmp_path, *SMALL, "prior=none")
     module: HandReconstruction = build_module(config)
     assert not any("adversary" in name for name in module.state_dict())
     data = build_data(config)

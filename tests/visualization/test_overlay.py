@@ -1,35 +1,12 @@
 """Overlays: landmarks where they are, and nothing for what is missing."""
 
 import numpy as np
-import torch
 
-from hand_recon.camera import default_intrinsics, project
 from hand_recon.hand.model import HandModel
-from hand_recon.schema import HandBatch, HandParameters, HandPrediction
+from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.visualization.overlay import COLUMNS, FINGER_COLOURS, draw_landmarks, rows
 
 GREY = np.full((64, 64, 3), 128, dtype=np.uint8)
-
-
-def scene(hand: HandModel) -> tuple[HandBatch, HandPrediction]:
-    """Two grey crops with a hand predicted in the middle of each."""
-    rotation = torch.tensor([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]).expand(2, 3, 3)
-    place = torch.tensor([0.0, 0.0, 0.6]).expand(2, 3)
-    parameters = HandParameters(torch.zeros(2, 15, 3), torch.zeros(2, 10), rotation, place)
-    posed = hand.place(parameters)
-    camera = default_intrinsics(64, place).expand(2, 3, 3)
-    pixels = project(posed.landmarks, camera)
-    labels, labelled = pixels.clone(), torch.ones(2, 21, dtype=torch.bool)
-    labels[1, 4:], labelled[1, 4:] = float("nan"), False
-    batch = HandBatch(
-        torch.full((2, 3, 64, 64), 128, dtype=torch.uint8), labels, labelled,
-        torch.arange(2), ("a", "b"),
-    )  # fmt: skip
-    prediction = HandPrediction(
-        parameters, posed.vertices, posed.joints, posed.landmarks, pixels,
-        torch.zeros(2, 21, 2), camera,
-    )  # fmt: skip
-    return batch, prediction
 
 
 def test_a_landmark_is_drawn_in_its_fingers_colour_at_its_pixel() -> None:
@@ -58,8 +35,10 @@ def test_the_picture_that_is_drawn_on_stays_as_it_was() -> None:
     assert (before == GREY).all()
 
 
-def test_a_row_has_its_panels_and_the_mesh_covers_the_landmarks(hand: HandModel) -> None:
-    batch, prediction = scene(hand)
+def test_a_row_has_its_panels_and_the_mesh_covers_the_landmarks(
+    hand: HandModel, scene: tuple[HandBatch, HandPrediction]
+) -> None:
+    batch, prediction = scene
     pictures = rows(batch, prediction, hand.faces, panel=64)
     assert len(pictures) == 2
     assert pictures[0].shape == (64, 64 * len(COLUMNS), 3)

@@ -18,7 +18,7 @@ from hand_recon.knowledge.penetration.closed_parts import (
 )
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.penetration.winding_number import winding_number
-from tests.knowledge.penetration.test_winding_number import capped, posed
+from tests.support.random_surfaces import capped, random_vertices
 from tests.support.tolerance import assert_close
 
 
@@ -51,7 +51,7 @@ def test_the_parts_together_wind_as_the_whole_hand_does(
     hand: HandModel, parts: ClosedParts
 ) -> None:
     """Neighbours share the fans between them, which cancel: cutting loses nothing."""
-    vertices = posed(hand, 2, spread=0.9)
+    vertices = random_vertices(hand, 2, spread=0.9).double()
     places = vertices.flatten(0, 1)[torch.randint(1556, (300,))] + 0.004 * torch.randn(300, 3)
     asked = torch.arange(300) % 2
     points = torch.cat([vertices, torch.from_numpy(parts.centres) @ vertices], dim=1)

@@ -8,15 +8,15 @@ from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.penetration.closed_parts import closed_parts
 from hand_recon.knowledge.penetration.contact import first_of_each
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
-from tests.knowledge.penetration.test_non_penetration import wild
 from tests.support.largest_tensor import LargestTensor
+from tests.support.random_surfaces import random_vertices
 from tests.support.tolerance import assert_close
 
 
 def test_what_is_inside_is_inside_for_trimesh(hand: HandModel) -> None:
     """An independent test by rays of each part alone; 1 mm and less from the skin it may err."""
     parts = closed_parts(hand)
-    for vertices in wild(hand, 3):
+    for vertices in random_vertices(hand, 3):
         points = np.concatenate([vertices.numpy(), parts.centres @ vertices.numpy()])
         inside = np.zeros(len(vertices), dtype=bool)
         for part, faces in enumerate(parts.faces):
@@ -30,7 +30,7 @@ def test_what_is_inside_is_inside_for_trimesh(hand: HandModel) -> None:
 
 
 def test_the_bound_on_memory_is_kept_and_changes_no_value(hand: HandModel) -> None:
-    vertices = wild(hand, 8, spread=1.0)
+    vertices = random_vertices(hand, 8, spread=1.0)
     small, large = (NonPenetration(hand, at_once=bound) for bound in (4000, 10**9))
     expected = NonPenetration(hand)(vertices)
     assert_close(small(vertices), expected)

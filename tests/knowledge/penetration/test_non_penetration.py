@@ -22,6 +22,7 @@ from hand_recon.knowledge.penetration.closed_parts import (
 )
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from tests.support import penetration_reference as reference
+from tests.support.random_surfaces import random_vertices
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 NEAR = 0.02
@@ -40,11 +41,6 @@ def geodesics(hand: HandModel) -> reference.Array:
 @pytest.fixture(scope="module")
 def physics(hand: HandModel) -> NonPenetration:
     return NonPenetration(hand)
-
-
-def wild(hand: HandModel, count: int, spread: float = 0.6) -> Tensor:
-    """Vertices of hands whose joints turn about any axis: most run into themselves."""
-    return hand(spread * torch.randn(count, 15, 3), torch.randn(count, 10)).vertices
 
 
 def gesture(hand: HandModel, name: str, **bends: tuple[float, float, float]) -> Tensor:
@@ -123,7 +119,7 @@ def test_most_deliberate_penetrations_are_caught(hand: HandModel, physics: NonPe
 def test_agrees_with_the_definition_written_out(
     hand: HandModel, physics: NonPenetration, parts: ClosedParts, geodesics: reference.Array
 ) -> None:
-    vertices = wild(hand, 5)
+    vertices = random_vertices(hand, 5)
     expected = np.stack(
         [reference.depths(one.double().numpy(), parts, geodesics, NEAR) for one in vertices]
     )
@@ -137,7 +133,7 @@ def test_the_gradient_is_that_of_the_definition(
     hand: HandModel, parts: ClosedParts, geodesics: reference.Array
 ) -> None:
     exact = NonPenetration(copy.deepcopy(hand).double())
-    vertices = wild(hand, 1, spread=0.7)[0].double().requires_grad_()
+    vertices = random_vertices(hand, 1, spread=0.7)[0].double().requires_grad_()
     exact(vertices).backward()
     assert vertices.grad is not None
 
@@ -166,7 +162,7 @@ def test_gradient_with_respect_to_the_pose_matches_finite_differences(hand: Hand
 def test_the_gradient_moves_contacts_apart_and_nothing_else(
     hand: HandModel, physics: NonPenetration
 ) -> None:
-    vertices = wild(hand, 4).requires_grad_()
+    vertices = random_vertices(hand, 4).requires_grad_()
     physics(vertices).sum().backward()
     assert vertices.grad is not None
     contacts = physics.contacts(vertices.detach(), 0.006)
@@ -235,7 +231,7 @@ def test_the_gradient_is_finite_for_hands_that_are_no_hands(
 def test_serves_any_batch_and_each_hand_for_itself(
     hand: HandModel, physics: NonPenetration, shape: tuple[int, ...]
 ) -> None:
-    vertices = wild(hand, math.prod(shape)).view(*shape, 778, 3)
+    vertices = random_vertices(hand, math.prod(shape)).view(*shape, 778, 3)
     loss, depths = physics(vertices), physics.depths(vertices)
     assert loss.shape == physics.penetrates(vertices).shape == shape
     assert depths.shape == (*shape, 778)
@@ -246,14 +242,14 @@ def test_serves_any_batch_and_each_hand_for_itself(
 def test_more_hands_than_are_bounded_at_once_keep_their_order(
     hand: HandModel, physics: NonPenetration
 ) -> None:
-    vertices = torch.cat([hand.template.expand(70, 778, 3), wild(hand, 3, spread=0.9)])
+    vertices = torch.cat([hand.template.expand(70, 778, 3), random_vertices(hand, 3, spread=0.9)])
     assert_close(physics(vertices)[70:], physics(vertices[70:]))
     assert not physics.penetrates(vertices)[:70].any()
     assert physics(vertices[:0]).shape == (0,)
 
 
 def test_the_loss_does_not_care_where_the_hand_is(hand: HandModel, physics: NonPenetration) -> None:
-    vertices = wild(hand, 6)
+    vertices = random_vertices(hand, 6)
     turn, _ = torch.linalg.qr(torch.randn(3, 3))
     turn = turn * torch.linalg.det(turn)
     placed = vertices @ turn.T + torch.tensor([0.05, -0.02, 0.6])
@@ -261,7 +257,7 @@ def test_the_loss_does_not_care_where_the_hand_is(hand: HandModel, physics: NonP
 
 
 def test_skin_that_is_near_along_the_surface_is_a_fold(hand: HandModel) -> None:
-    vertices = wild(hand, 6)
+    vertices = random_vertices(hand, 6)
     losses = [
         NonPenetration(hand, geodesic=near)(vertices).sum() for near in (0.0, 0.02, 0.06, 1.0)
     ]

@@ -10,6 +10,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.penetration.winding_number import winding_number
 from tests.support import penetration_reference as reference
 from tests.support.largest_tensor import LargestTensor
+from tests.support.random_surfaces import capped, random_vertices
 from tests.support.tolerance import assert_close
 
 
@@ -22,18 +23,6 @@ def winding(points: list[list[float]], mesh: trimesh.Trimesh) -> Tensor:
     """Winding numbers of one mesh about points."""
     first = torch.zeros(len(points), dtype=torch.long)
     return winding_number(torch.tensor(points, dtype=torch.float64), first, *solid(mesh))
-
-
-def capped(hand: HandModel, vertices: Tensor) -> tuple[Tensor, Tensor]:
-    """Posed hands with the middle of the wrist ring as one more vertex, and their closed faces."""
-    points = torch.cat([vertices, vertices[:, hand.wrist_ring].mean(dim=1, keepdim=True)], dim=1)
-    ring, centre = hand.wrist_ring, torch.full_like(hand.wrist_ring, vertices.shape[1])
-    return points, torch.cat([hand.faces, torch.stack([ring, ring.roll(-1), centre], dim=1)])
-
-
-def posed(hand: HandModel, count: int, spread: float = 0.5) -> Tensor:
-    """Vertices of hands with random joint angles."""
-    return hand(spread * torch.randn(count, 15, 3), torch.randn(count, 10)).vertices.double()
 
 
 def test_a_sphere_is_once_around_what_is_inside_and_not_around_what_is_outside() -> None:
@@ -69,7 +58,7 @@ def test_a_corner_of_a_cube_sees_the_eighth_of_directions_that_lead_inwards() ->
 
 def test_a_vertex_of_the_surface_is_above_one_only_inside_another_layer(hand: HandModel) -> None:
     """Leaving its own triangles out tells the same as asking just outside the surface."""
-    vertices = posed(hand, 1, spread=0.9)
+    vertices = random_vertices(hand, 1, spread=0.9).double()
     points, faces = capped(hand, vertices)
     hands = torch.zeros(778, dtype=torch.long)
     on = winding_number(vertices[0], hands, points, faces)
@@ -85,7 +74,7 @@ def test_a_vertex_of_the_surface_is_above_one_only_inside_another_layer(hand: Ha
 
 
 def test_each_query_is_asked_about_its_own_hand(hand: HandModel) -> None:
-    points, faces = capped(hand, posed(hand, 3))
+    points, faces = capped(hand, random_vertices(hand, 3, spread=0.5).double())
     asked = torch.tensor([2, 0, 1, 2, 0])
     places = 0.04 * torch.randn(5, 3, dtype=torch.float64)
     actual = winding_number(places, asked, points, faces)
@@ -98,7 +87,7 @@ def test_each_query_is_asked_about_its_own_hand(hand: HandModel) -> None:
 
 def test_agrees_with_trimesh_about_random_hands(hand: HandModel) -> None:
     """Trimesh counts how often a ray meets the surface: odd is inside, and so is an odd winding number."""
-    for vertices in posed(hand, 3):
+    for vertices in random_vertices(hand, 3, spread=0.5).double():
         points, faces = capped(hand, vertices[None])
         mesh = trimesh.Trimesh(points[0].numpy(), faces.numpy(), process=False)
         places = vertices[torch.randint(778, (200,))] + 0.006 * torch.randn(200, 3)
@@ -113,14 +102,14 @@ def test_agrees_with_trimesh_about_random_hands(hand: HandModel) -> None:
 
 @pytest.mark.parametrize("at_once", [1, 5000, 10**9])
 def test_the_bound_on_memory_changes_no_value(hand: HandModel, at_once: int) -> None:
-    points, faces = capped(hand, posed(hand, 2))
+    points, faces = capped(hand, random_vertices(hand, 2, spread=0.5).double())
     places, asked = 0.03 * torch.randn(20, 3, dtype=torch.float64), torch.arange(20) % 2
     expected = winding_number(places, asked, points, faces)
     assert_close(winding_number(places, asked, points, faces, at_once=at_once), expected)
 
 
 def test_the_bound_on_memory_is_kept(hand: HandModel) -> None:
-    points, faces = capped(hand, posed(hand, 2))
+    points, faces = capped(hand, random_vertices(hand, 2, spread=0.5).double())
     places, asked = torch.randn(300, 3, dtype=torch.float64), torch.arange(300) % 2
     with LargestTensor() as bounded:
         winding_number(places, asked, points, faces, at_once=8000)
@@ -132,7 +121,7 @@ def test_the_bound_on_memory_is_kept(hand: HandModel) -> None:
 
 
 def test_single_precision_tells_inside_from_outside(hand: HandModel) -> None:
-    points, faces = capped(hand, posed(hand, 2))
+    points, faces = capped(hand, random_vertices(hand, 2, spread=0.5).double())
     places, asked = 0.04 * torch.randn(400, 3, dtype=torch.float64), torch.arange(400) % 2
     exact = winding_number(places, asked, points, faces)
     # As far from the origin as a hand is from a camera.
