@@ -17,7 +17,7 @@ from hand_recon.evaluation.alignment import (
     root_relative,
 )
 from hand_recon.evaluation.point_error import point_errors
-from tests.support import reference
+from tests.support import metric_reference as reference
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 ALIGNMENTS = {"official": align_official, "proper": align_proper}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from hand_recon.evaluation.f_score import BLOCK, F_THRESHOLDS, f_score
-from tests.support import reference
+from tests.support import metric_reference as reference
 
 
 def twin(ground_truth: Tensor, prediction: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch.multiprocessing.spawn import start_processes
 
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
-from tests.support import reference
+from tests.support import metric_reference as reference
 
 VERTICES = 60
 """Fewer than a hand's: nothing here depends on how many."""

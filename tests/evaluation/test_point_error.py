@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.evaluation.point_error import auc, point_errors
-from tests.support import reference
+from tests.support import metric_reference as reference
 from tests.support.tolerance import BATCH_SHAPES
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.penetration.winding_number import winding_number
-from tests.support import penetration_reference as reference
+from tests.support import knowledge_reference as reference
 from tests.support.largest_tensor import LargestTensor
 from tests.support.random_surfaces import capped, random_vertices
 from tests.support.tolerance import assert_close

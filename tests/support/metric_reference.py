@@ -1,4 +1,4 @@
-"""Slow twins in NumPy and SciPy: each says one definition again, a hand and a point at a time."""
+"""The metrics by definition in NumPy and SciPy, one hand and one point at a time."""
 
 from collections.abc import Sequence
 
