@@ -19,7 +19,7 @@ from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.protocols.official import freihand_scores
-from tests.support import reference
+from tests.support import metric_reference as reference
 
 BATCH = 64
 

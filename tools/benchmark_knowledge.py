@@ -27,9 +27,8 @@ from hand_recon.hand.open_hand import open_hand
 from hand_recon.knowledge.penetration.closed_parts import closed_parts, geodesic_distances
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.prior import Prior
-from hand_recon.knowledge.ranges import load_ranges
-from hand_recon.schema import HandParameters, HandPrediction
-from tests.support import penetration_reference
+from hand_recon.schema import HandParameters
+from tests.support import knowledge_reference
 
 Work = Callable[[], float]
 
@@ -125,10 +124,7 @@ def physics_work(kind: str, count: int) -> Work:
 def knowledge_work(kind: str, count: int, *, full: bool) -> Work:
     """Hand model, camera, data term and prior on a batch; without `full`, the first three."""
     hand = open_hand()
-    prior = Prior(
-        load_ranges("literature", hand.rest_angles), hand,
-        functional_anatomy=True, non_penetration=20_000.0,
-    )  # fmt: skip
+    prior = Prior.default(hand)
     angles = joint_angles(kind, count).requires_grad_()
     shape = torch.randn(count, 10).requires_grad_()
     six = torch.eye(3)[:2].flatten().repeat(count, 1).requires_grad_()
@@ -141,16 +137,8 @@ def knowledge_work(kind: str, count: int, *, full: bool) -> Work:
         pixels = project(placed.landmarks, intrinsics)
         loss = (pixels - 112).square().sum()
         if full:
-            prediction = HandPrediction(
-                parameters, placed.vertices, placed.joints, placed.landmarks, pixels,
-                torch.zeros_like(pixels), intrinsics,
-            )  # fmt: skip
-            loss = (
-                loss
-                + torch.stack(
-                    [value.sum() for value in prior.weighted(prior(prediction)).values()]
-                ).sum()
-            )
+            values = prior.weighted(prior(parameters, placed.vertices))
+            loss = loss + torch.stack([value.sum() for value in values.values()]).sum()
         loss.backward()
         return loss.item()
 
@@ -201,7 +189,7 @@ def largest_difference(kind: str, count: int) -> float:
     vertices, parts = posed(hand, kind, count), closed_parts(hand)
     ways = geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
     expected = [
-        penetration_reference.depths(one.double().numpy(), parts, ways, NEAR) for one in vertices
+        knowledge_reference.depths(one.double().numpy(), parts, ways, NEAR) for one in vertices
     ]
     actual = NonPenetration(hand).depths(vertices).double().numpy()
     return float(np.abs(actual - np.stack(expected)).max())
