@@ -7,7 +7,8 @@ they depend on: a change makes a new cache, and an old one is never wrong, only 
 import fcntl
 import hashlib
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,7 @@ def ensure_built(target: Path, build: Callable[[Path], None]) -> None:
         return
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f"{target.name}.partial")
-    with target.with_name(f"{target.name}.lock").open("w") as lock:
-        # The system frees the lock of a process that was killed.
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with exclusive_lock(target.with_name(f"{target.name}.lock")):
         if target.is_dir():
             return
         shutil.rmtree(partial, ignore_errors=True)
@@ -78,6 +77,17 @@ def ensure_built(target: Path, build: Callable[[Path], None]) -> None:
             shutil.rmtree(partial, ignore_errors=True)
             raise
         partial.rename(target)
+
+
+@contextmanager
+def exclusive_lock(path: Path) -> Iterator[None]:
+    """Wait until no other process holds the lock of a file, which is made if it is missing.
+
+    The system frees the lock of a process that was killed.
+    """
+    with path.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 class MappedArray:

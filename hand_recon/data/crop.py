@@ -187,13 +187,6 @@ def crop_points(
     return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])
 
 
-def uncrop_points(
-    points: Float[np.ndarray, "*batch 2"], matrix: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "*batch 2"]:
-    """Where points of the crop are in the image."""
-    return crop_points(points, np.linalg.inv(matrix))
-
-
 def crop_intrinsics(
     intrinsics: Float[np.ndarray, "3 3"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "3 3"]:

@@ -6,9 +6,11 @@ FreiHAND's training vertices are 76 million numbers: some five gigabytes as list
 import json
 import logging
 import math
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hand_recon.data.cache import digest, ensure_built, file_identity
 
@@ -16,6 +18,9 @@ logger = logging.getLogger(__name__)
 
 CHUNK = 1 << 25
 """Bytes of text that are turned into numbers at a time."""
+
+LONGEST = 1000
+"""Characters of one number; a double needs 25 at most."""
 
 
 def load_json_array(path: Path, cache_dir: Path | None) -> np.ndarray:
@@ -53,7 +58,8 @@ def parse_json_array(path: Path) -> np.ndarray:
     try:
         with path.open("rb") as stream:
             shape = _shape_of_first(stream.read(CHUNK).decode("ascii"))
-        numbers, brackets = _read_numbers(path)
+        with path.open("rb") as stream:
+            numbers, brackets = scan_numbers(iter(lambda: stream.read(CHUNK), b""), to_numbers)
         rows, left_over = divmod(len(numbers), math.prod(shape))
         # An element of shape (21, 3) opens one bracket for itself and one for each of its rows.
         per_row = sum(math.prod(shape[:depth]) for depth in range(len(shape)))
@@ -78,25 +84,49 @@ def _shape_of_first(text: str) -> tuple[int, ...]:
     return first.shape
 
 
-def _read_numbers(path: Path) -> tuple[np.ndarray, tuple[int, int]]:
-    """All numbers in their order, and how many brackets open and close."""
-    parts: list[np.ndarray] = []
-    opened = closed = 0
+def scan_numbers(
+    chunks: Iterable[bytes],
+    to_array: Callable[[bytes], NDArray[np.float64]],
+    most: float = math.inf,
+    longest: int = LONGEST,
+) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """All numbers of a JSON text in single precision, and how many brackets open and close.
+
+    Args:
+        chunks: The text in pieces, cut anywhere.
+        to_array: Parses numbers separated by commas; raises a `ValueError` if something else is among them.
+        most: Largest count of numbers.
+        longest: Largest count of characters of one number.
+
+    Raises:
+        ValueError: There are more numbers, a number is longer, or something is not a number.
+    """
+    parts: list[NDArray[np.float32]] = []
+    opened = closed = count = 0
     rest = b""
-    with path.open("rb") as stream:
-        while chunk := stream.read(CHUNK):
-            opened += chunk.count(b"[")
-            closed += chunk.count(b"]")
-            # Only brackets, commas, space and numbers are left: the last comma ends a whole number.
-            complete, _, rest = (rest + chunk).translate(None, b"[] \t\r\n").rpartition(b",")
-            if complete:
-                parts.append(_to_numbers(complete))
-    parts.append(_to_numbers(rest))
+    for chunk in chunks:
+        opened += chunk.count(b"[")
+        closed += chunk.count(b"]")
+        # Only commas and numbers are left: the last comma ends a whole number.
+        complete, _, rest = (rest + chunk.translate(None, b"[] \t\r\n")).rpartition(b",")
+        if len(rest) > longest:
+            raise ValueError(f"a number in it has more than {longest} digits.")
+        if complete:
+            parts.append(to_array(complete).astype(np.float32))
+            count += len(parts[-1])
+        if count > most:
+            raise ValueError(f"it has more than {most} numbers.")
+    parts.append(to_array(rest).astype(np.float32))
     return np.concatenate(parts), (opened, closed)
 
 
-def _to_numbers(text: bytes) -> np.ndarray:
+def to_numbers(text: bytes) -> NDArray[np.float64]:
+    """Numbers separated by commas.
+
+    Raises:
+        ValueError: Something is not a number, or there is none.
+    """
     numbers = np.fromstring(text.decode("ascii"), sep=",", dtype=np.float64)
     if len(numbers) != text.count(b",") + 1:
         raise ValueError("something in it is not a number")
-    return numbers.astype(np.float32)
+    return numbers

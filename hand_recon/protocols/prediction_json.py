@@ -1,10 +1,11 @@
-"""Reads `[landmarks of every frame, vertices of every frame]` without making Python objects of it.
+"""Streaming reader of JSON files `[landmarks of every frame, vertices of every frame]`.
 
-HO3D's 20,137 frames of 778 vertices are 47 million numbers: a gigabyte of text, and ten times that as
-lists. Here the text streams through and only arrays stay. White space is dropped as it comes, and all that
-is kept has a bound: an archive of a megabyte can unpack to a gigabyte of anything.
+HO3D's 20,137 frames of 778 vertices are 47 million numbers: a gigabyte of text, and ten gigabytes as Python
+lists. The text is read in chunks and only arrays are kept. White space is dropped while reading, and all
+that is kept has a maximum size, because an archive of a megabyte can unpack to a gigabyte.
 """
 
+import itertools
 import json
 import re
 from dataclasses import dataclass
@@ -14,23 +15,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hand_recon.data.json_arrays import scan_numbers, to_numbers
+
 CHUNK: Final = 1 << 24
-"""Bytes of text that are turned into numbers at a time."""
+"""Bytes of text that are parsed at a time."""
 
 HEAD: Final = 1 << 20
 """Bytes in which the first frame must end: 778 points take less than a tenth of it."""
 
 MAX_BYTES: Final = 1 << 32
-"""Longest file, white space included: three times HO3D's."""
+"""Maximum file size in bytes, white space included: three times HO3D's."""
 
 MAX_LANDMARK_BYTES: Final = 1 << 27
-"""Longest text of the landmarks: four times HO3D's."""
+"""Maximum size of the landmarks' text in bytes: four times HO3D's."""
 
 MAX_NUMBERS: Final = 1 << 27
-"""Most numbers of the vertices: three times HO3D's; half a gigabyte."""
+"""Maximum count of the vertices' numbers: three times HO3D's; half a gigabyte."""
 
 LONGEST: Final = 1000
-"""Digits of one number; a double needs 25 at most."""
+"""Maximum digits of one number; a double needs 25 at most."""
 
 _SPACE: Final = b" \t\r\n"
 _WORD: Final = re.compile(rb"\"[^\"]{0,20}\"?|[A-Za-z_]{2,}|[^\w\s,.+\-\[\]]+")
@@ -40,18 +43,18 @@ FORM: Final = (
     "Expected is a JSON list of two lists, [xyz, verts]: for every frame 21 points of three numbers, "
     "then for every frame the mesh's points of three numbers."
 )
-"""What a file of predictions should be."""
+"""Description of the expected file, for messages."""
 
 
 class _Dense:
-    """A stream's text without its white space."""
+    """Text of a stream without its white space."""
 
     def __init__(self, stream: BufferedIOBase) -> None:
         self._stream = stream
         self._left = MAX_BYTES
 
     def read(self, size: int) -> bytes:
-        """At least so many bytes, and less than twice as many, where the text does not end before."""
+        """Read between `size` and twice as many bytes, fewer at the end of the text."""
         text = bytearray()
         while len(text) < size and (chunk := self._stream.read(size)):
             self._left -= len(chunk)
@@ -63,14 +66,14 @@ class _Dense:
 
 @dataclass(frozen=True)
 class PointLists:
-    """The contents of such a file, in its own order, axes and unit."""
+    """Contents of a file of predictions, in its own order, axes and unit."""
 
     landmarks: NDArray[np.float64]
     """Frames × 21 × 3."""
     vertices: NDArray[np.float32] | None
-    """Frames × any number × 3; absent where the second list is, or has no points."""
+    """Frames × any number × 3; absent where the second list is absent or empty."""
     nested: bool
-    """Whether there was a list around the list of landmarks, as there should be."""
+    """Whether the landmarks were in an outer list, as they should be."""
 
 
 def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:
@@ -78,10 +81,10 @@ def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:
 
     Args:
         stream: The JSON text, such as an open file or a member of an archive.
-        name: What to call it in messages.
+        name: Name of the file in messages.
 
     Raises:
-        ValueError: It is something else; the message says what was found and what to do.
+        ValueError: The text has another structure; the message says what was found and what to do.
     """
     try:
         text = _Dense(stream)
@@ -98,10 +101,10 @@ def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:
 
 
 def read_point_list(stream: BufferedIOBase, name: str) -> NDArray[np.float32]:
-    """One JSON list of frames of as many points each, in single precision: frames × points × 3.
+    """Read one JSON list of frames with equally many points each: frames × points × 3, single precision.
 
     Raises:
-        ValueError: It is something else, or is cut off.
+        ValueError: The text has another structure, or is cut off.
     """
     try:
         text = _Dense(stream)
@@ -113,17 +116,17 @@ def read_point_list(stream: BufferedIOBase, name: str) -> NDArray[np.float32]:
     except ValueError as error:
         raise ValueError(
             f"{name} is no list of frames of points: {error} Expected is a JSON list that has for every "
-            "frame a list of points of three numbers; unpack it again, or mend what wrote it."
+            "frame a list of points of three numbers; unpack it again, or correct the program that wrote it."
         ) from error
 
 
 def _depth(text: bytes) -> int:
-    """How many brackets the text opens before its first number."""
+    """Number of brackets before the first number."""
     return len(text) - len(text.lstrip(b"["))
 
 
 def _check_head(head: bytes) -> bool:
-    """Whether the landmarks are in a list of their own, once the first frame is what it should be."""
+    """Check the first frame; return whether the landmarks are in an outer list."""
     if not head:
         raise ValueError("it is empty.")
     if head.startswith(b"{"):
@@ -134,8 +137,10 @@ def _check_head(head: bytes) -> bool:
         raise ValueError(f"it begins with {head[:12]!r}, which is no JSON list.")
     depth = _depth(head)
     if head[depth : depth + 1] == b"{":
-        raise ValueError("it is a list of dictionaries; write plain lists in the frames' order.")
-    _refuse_aliens(head)
+        raise ValueError(
+            "it is a list of dictionaries; write lists without names, in the frames' order."
+        )
+    _refuse_words(head)
     if depth not in (3, 4):
         raise ValueError(
             f"its first number is {depth} lists deep and not four; "
@@ -146,14 +151,14 @@ def _check_head(head: bytes) -> bool:
 
 
 def _lengths_of_first_frame(text: bytes) -> list[int]:
-    """How many numbers each point has, in text that goes on after the first brackets."""
+    """Count the numbers of each point of the first frame; `text` starts after the first brackets."""
     end = text.find(b"]]")
     if end < 0:
         raise ValueError("it is cut off within the first frame, or that frame never ends.")
     frame = text[:end]
-    # Else brackets in brackets would let the parser run out of its stack.
+    # Deeply nested brackets would overflow the parser's stack.
     if frame.count(b"[") != frame.count(b"],["):
-        raise ValueError("its first frame has something else than points of plain numbers.")
+        raise ValueError("its first frame has something else than points of numbers.")
     return [len(point) for point in json.loads(b"[[" + frame + b"]]")]
 
 
@@ -176,18 +181,18 @@ def _check_first_frame(lengths: list[int]) -> None:
     raise ValueError(f"the first frame has {count} points and not 21; {advice}")
 
 
-def _refuse_aliens(text: bytes) -> None:
+def _refuse_words(text: bytes) -> None:
     words = (word.group() for word in _WORD.finditer(text))
-    alien = next((word for word in words if word not in _NUMBERS_BY_NAME), None)
-    if alien is None:
+    other = next((word for word in words if word not in _NUMBERS_BY_NAME), None)
+    if other is None:
         return
-    found = alien[:24].decode("ascii", "replace")
+    found = other[:24].decode("ascii", "replace")
     advice = "numbers must not be in quotes." if found.startswith('"') else "it is no number."
     raise ValueError(f"it contains {found!r}: {advice}")
 
 
 def _first_list(head: bytes, stream: _Dense) -> tuple[bytes, bytes]:
-    """The text up to where the first list of frames ends, and what was read beyond it."""
+    """Split the text after the first list of frames; return both parts as far as they were read."""
     text = bytearray(head)
     searched = 0
     while (end := text.find(b"]]]", searched)) < 0:
@@ -219,7 +224,9 @@ def _vertices(rest: bytes, stream: _Dense, frames: int) -> NDArray[np.float32] |
         _expect_the_end(rest[1:] + stream.read(1))
         return None
     if not rest.startswith(b","):
-        raise ValueError("the landmarks are not followed by the vertices; it is cut off.")
+        raise ValueError(
+            "the landmarks are not followed by the vertices; it is cut off. Write or copy it again."
+        )
     numbers, brackets = _numbers(rest[1:], stream)
     if len(numbers) == 0:
         if brackets[1] != brackets[0] + 1:
@@ -241,11 +248,11 @@ def _expect_the_end(rest: bytes) -> None:
 def _as_frames(
     numbers: NDArray[np.float32], brackets: tuple[int, int], surplus: int
 ) -> NDArray[np.float32]:
-    """Frames of equal numbers of points; `surplus` lists were opened before."""
+    """Reshape numbers to frames × points × 3; `surplus` lists were opened before the text began."""
     if brackets[1] != brackets[0] + surplus:
         raise ValueError("its brackets do not match: it is cut off; write or copy it again.")
     points, left_over = divmod(len(numbers), 3)
-    # What is opened: the list, its frames and their points.
+    # Opening brackets: one of the list, one of each frame and one of each point.
     frames = brackets[0] - 1 - points
     if left_over or frames < 1 or points % frames:
         raise ValueError(
@@ -255,26 +262,9 @@ def _as_frames(
 
 
 def _numbers(text: bytes, stream: _Dense) -> tuple[NDArray[np.float32], tuple[int, int]]:
-    """All numbers from here to the end in single precision, and how many brackets open and close."""
-    parts: list[NDArray[np.float32]] = []
-    opened = closed = count = 0
-    rest = b""
-    while text:
-        opened += text.count(b"[")
-        closed += text.count(b"]")
-        # Only commas and numbers are left: the last comma ends a whole number.
-        complete, _, rest = (rest + text.translate(None, b"[]")).rpartition(b",")
-        if len(rest) > LONGEST:
-            raise ValueError(f"a number in it has more than {LONGEST} digits.")
-        if complete:
-            parts.append(_to_numbers(complete).astype(np.float32))
-            count += len(parts[-1])
-        if count > MAX_NUMBERS:
-            raise ValueError(f"it has more than {MAX_NUMBERS} numbers of vertices.")
-        text = stream.read(CHUNK)
-    if rest:
-        parts.append(_to_numbers(rest).astype(np.float32))
-    return np.concatenate([np.empty(0, dtype=np.float32), *parts]), (opened, closed)
+    """Parse all numbers up to the end in single precision; count opening and closing brackets."""
+    chunks = itertools.chain([text], iter(lambda: stream.read(CHUNK), b""))
+    return scan_numbers(chunks, _to_numbers, MAX_NUMBERS, LONGEST)
 
 
 def _to_numbers(text: bytes) -> NDArray[np.float64]:
@@ -282,10 +272,7 @@ def _to_numbers(text: bytes) -> NDArray[np.float64]:
     if not text.strip(b","):
         return np.empty(0)
     try:
-        numbers = np.fromstring(text.decode("ascii"), sep=",", dtype=np.float64)
-    except ValueError:
-        numbers = np.empty(0)
-    if len(numbers) != text.count(b",") + 1:
-        _refuse_aliens(text)
-        raise ValueError("something in it is not a number, or a comma stands alone.")
-    return numbers
+        return to_numbers(text)
+    except ValueError as error:
+        _refuse_words(text)
+        raise ValueError("something in it is not a number, or a comma stands alone.") from error

@@ -4,7 +4,6 @@ A store is a folder: `images.npy` (bytes, memory-mapped), `labels.npz` (everythi
 It grows under another name and is renamed when complete, so a folder that exists is whole.
 """
 
-import fcntl
 import hashlib
 import json
 import os
@@ -23,6 +22,7 @@ from numpy.lib.format import open_memmap
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hand_recon.data.cache import exclusive_lock
 from hand_recon.data.processes import single_threaded_processes
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.scene import SyntheticView, synthetic_hand, synthetic_view
@@ -38,7 +38,7 @@ COLUMNS: Final[tuple[str, ...]] = (
 """What is stored of each picture besides its pixels; names as in `SyntheticView`."""
 
 
-_NOT_SEEN: Final = frozenset({"dataset.py", "picture_store.py"})
+_NOT_SEEN: Final = frozenset({"datamodule.py", "dataset.py", "image_store.py"})
 """Modules that no picture depends on."""
 
 
@@ -99,19 +99,11 @@ def ensure_store(cache_dir: Path, recipe: Recipe, size: int, workers: int) -> Pa
     if path.is_dir():
         return path
     cache_dir.mkdir(parents=True, exist_ok=True)
-    with _alone(path.with_suffix(".lock")):
+    with exclusive_lock(path.with_suffix(".lock")):
         # Whoever held the lock before may have finished the same set.
         if not path.is_dir():
             _build(path, recipe, size, workers)
     return path
-
-
-@contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    """Wait until no other process builds the same set; the system frees the lock of a killed one."""
-    with lock.open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
 
 
 def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
