@@ -1,1 +1,1 @@
-"""Fitting each hand to its 2D landmarks, with the knowledge and likelihood of training (Sec. 3.2–3.3)."""
+"""Fits of hands to 2D landmarks, with the prior and the likelihood of training (Sec. 3.2–3.3)."""

@@ -1,4 +1,4 @@
-"""Descent from several starts to one hand per set of landmarks: training's loss, no network (Sec. 3.4)."""
+"""Fit of hands to 2D landmarks: Adam from several starts on the training's loss, no network (Sec. 3.4)."""
 
 import copy
 import math
@@ -20,33 +20,34 @@ from hand_recon.uncertainty import DataTerm
 
 @dataclass(frozen=True)
 class Descent:
-    """How to descend."""
+    """Settings of the optimizer."""
 
     starts: int = 4
-    """Starts per hand in closed form."""
+    """Closed-form starts per hand."""
     steps: int = 300
     """Steps of Adam."""
-    rate: float = 0.1
-    """Largest step of a joint angle, radians; it falls to zero as a cosine."""
-    contact_from: float = 0.6
-    """Share of the steps after which the start with the smallest loss goes on alone, and the non-penetration
-    term joins: before, poses mean little, and a finger must be free to pass through another."""
+    learning_rate: float = 0.1
+    """Adam's learning rate at the first step, radians for joint angles; it falls to zero as a cosine."""
+    non_penetration_from: float = 0.6
+    """Share of the steps without the non-penetration term. After them the start of smallest loss is kept.
+
+    Before, poses are far from final, and a finger must be able to pass through another."""
     hands_at_once: int = 256
-    """Hands (times starts) in one batch: what fits a processor's cache is fastest."""
+    """Hands times starts in one batch; batches that fit the processor's cache are fastest."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """The best descent of each hand."""
+    """The best result of each hand."""
 
     prediction: HandPrediction
-    """As a network's would be; `log_sigma` is what the fit was told."""
+    """The hands, in the form of a network's prediction; `log_sigma` is the observation's."""
     loss: dict[str, Float[Tensor, " hand"]]
-    """Every term: raw under its name, weighted under `weighted/`, and their sum, `total`."""
+    """Terms of the loss: raw under their names, weighted under `weighted/<name>`, the sum as `total`."""
 
 
 class _Unknowns:
-    """What is descended on: every number of a hand, on a scale on which steps are alike."""
+    """The optimized numbers of each hand, scaled so that one learning rate suits all of them."""
 
     def __init__(self, start: Start, intrinsics: Float[Tensor, "hand 3 3"]) -> None:
         pixel = project(start.translation[:, None], intrinsics)[:, 0]
@@ -55,8 +56,8 @@ class _Unknowns:
             "joint_angles": start.joint_angles,
             "columns": start.root_rotation[..., :2].mT.flatten(-2),
             "shape": start.shape,
-            # Hundreds of pixels: a step of 0.05 is then five pixels.
-            "place": pixel / 100,
+            # The projected origin in hundreds of pixels: a step of 0.05 is five pixels.
+            "origin": pixel / 100,
             "log_depth": depth.log(),
         }
         self._require_gradients()
@@ -66,27 +67,27 @@ class _Unknowns:
             name: value.detach().clone().requires_grad_() for name, value in self.values.items()
         }
 
-    def keep(self, which: Tensor) -> None:
-        """Go on with some of the hands."""
-        self.values = {name: value[which] for name, value in self.values.items()}
+    def keep(self, rows: Tensor) -> None:
+        """Keep the rows with these indices, and drop the others."""
+        self.values = {name: value[rows] for name, value in self.values.items()}
         self._require_gradients()
 
-    def optimizer(self, rate: float) -> torch.optim.Optimizer:
-        """Adam over all of them; angles and shapes move at the full rate, places at most of it."""
-        place = {"place", "log_depth"}
-        fast = [value for name, value in self.values.items() if name not in place]
-        slow = [value for name, value in self.values.items() if name in place]
+    def optimizer(self, learning_rate: float) -> torch.optim.Optimizer:
+        """Adam over all numbers; the translation has 0.6 of the learning rate."""
+        translation = {"origin", "log_depth"}
+        fast = [value for name, value in self.values.items() if name not in translation]
+        slow = [value for name, value in self.values.items() if name in translation]
         groups = [
-            {"params": fast, "lr": rate, "share": 1.0},
-            {"params": slow, "lr": rate, "share": 0.6},
+            {"params": fast, "lr": learning_rate, "share": 1.0},
+            {"params": slow, "lr": learning_rate, "share": 0.6},
         ]
         return torch.optim.Adam(groups, betas=(0.9, 0.99))
 
     def parameters(self, intrinsics: Float[Tensor, "hand 3 3"]) -> HandParameters:
-        """The hands that they mean, before cameras with these matrices."""
+        """The parameters of the hands, for cameras with these matrices."""
         values = self.values
         one = torch.ones_like(values["log_depth"])[:, None]
-        pixel = torch.cat([values["place"] * 100, one], dim=-1)
+        pixel = torch.cat([values["origin"] * 100, one], dim=-1)
         rays = torch.linalg.solve(intrinsics, pixel[..., None])[..., 0]
         return HandParameters(
             values["joint_angles"],
@@ -98,23 +99,23 @@ class _Unknowns:
 
 @dataclass(frozen=True)
 class Objective:
-    """The loss of training over the hands themselves (Sec. 3.4)."""
+    """The training's loss as a function of hand parameters (Sec. 3.4)."""
 
     hand: HandModel
     """The hand model."""
     prior: Prior
-    """Knowledge (Eq. 5)."""
+    """Prior of hand knowledge (Eq. 5)."""
     data_term: DataTerm
-    """Residuals → one value per hand; a staged one goes through its stages."""
-    surface: bool = True
-    """Whether the hand has its surface, so that contact counts."""
+    """Term of the 2D residuals, one value per hand; a staged term goes through its stages."""
+    with_non_penetration: bool = True
+    """True if the hand model has all its vertices, which the non-penetration term needs."""
 
     def __call__(self, parameters: HandParameters, observation: Observation) -> Fitted:
-        """The hands with every term of their loss.
+        """Pose hands and compute every term of their loss.
 
         Args:
-            parameters: Of each hand.
-            observation: What they should look like.
+            parameters: Parameters of each hand.
+            observation: The landmarks of the same hands.
         """
         posed = self.hand.to_camera(parameters)
         prediction = HandPrediction(
@@ -128,16 +129,16 @@ class Objective:
         )
         residual = prediction.landmarks_2d - observation.landmarks_2d
         data = self.data_term(residual, prediction.log_sigma, observation.labelled)
-        raw = self.prior(parameters, posed.vertices if self.surface else None)
+        raw = self.prior(parameters, posed.vertices if self.with_non_penetration else None)
         weighted = self.prior.weighted(raw)
         loss = {"total": data + sum(weighted.values()), "data": data, **raw}
         return Fitted(
             prediction, loss | {f"weighted/{name}": value for name, value in weighted.items()}
         )
 
-    def without_surface(self) -> "Objective":
-        """The same on the few vertices that landmarks need, several times faster."""
-        return replace(self, hand=self.hand.landmarks_only(), surface=False)
+    def without_non_penetration(self) -> "Objective":
+        """The same without non-penetration, on the few vertices that landmarks need: several times faster."""
+        return replace(self, hand=self.hand.landmarks_only(), with_non_penetration=False)
 
 
 def fit(
@@ -151,21 +152,22 @@ def fit(
 
     Args:
         observation: The landmarks.
-        objective: What is made small.
-        descent: How.
-        further: Makes more starts per hand, such as a lifter's answer.
+        objective: The loss to minimize.
+        descent: Settings of the optimizer.
+        further: Function that makes more starts per hand, such as a lifter's prediction.
 
     Raises:
-        ValueError: There is nothing to start from.
+        ValueError: `descent.starts` is 0 and `further` is None.
     """
     if not descent.starts and further is None:
         raise ValueError(
-            "A fit needs a start: found descent.starts=0 and no lifter. Give 1 to 4 starts, or a lifter."
+            "Found descent.starts=0 and no lifter; expected one start or more per hand. Set descent.starts "
+            "to 1, 2, 3 or 4, or give a lifter."
         )
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
-    light = objective.without_surface()
+    light = objective.without_non_penetration()
     pieces = []
-    # No hand at all is a batch too: a stretch of a video in which none was found.
+    # One batch even without a hand, such as for a part of a video in which none was detected.
     for first in range(0, max(len(observation), 1), size):
         piece = observation[first : first + size]
         starts = _starts(piece, objective.hand, descent, further)
@@ -180,7 +182,7 @@ def _starts(
     descent: Descent,
     further: Callable[[Observation], Start] | None,
 ) -> Start:
-    """Every start of every hand: batch × starts."""
+    """All starts of all hands: batch × starts."""
     found = []
     if descent.starts:
         found.append(
@@ -208,7 +210,7 @@ def _fit_batch(
     objectives: tuple[Objective, Objective],
     descent: Descent,
 ) -> Fitted:
-    """The best descent of each hand: without the surface from every start, then with it from the best."""
+    """Fit a batch: from every start without non-penetration, then from the best of each hand with it."""
     count = starts.translation.shape[1]
     several = observation[torch.arange(len(observation)).repeat_interleave(count)]
     unknowns = _Unknowns(
@@ -220,16 +222,16 @@ def _fit_batch(
         ),
         several.intrinsics,
     )
-    # Its own stages for every batch, as if each were a run.
+    # A copy for every batch, so that each goes through the stages from the first.
     data_term = copy.deepcopy(objectives[0].data_term)
     light, whole = (replace(objective, data_term=data_term) for objective in objectives)
-    alone = round(descent.contact_from * descent.steps)
-    _descend(unknowns, several, light, descent, range(alone))
+    first_steps = round(descent.non_penetration_from * descent.steps)
+    _descend(unknowns, several, light, descent, range(first_steps))
     with torch.no_grad():
         reached = light(unknowns.parameters(several.intrinsics), several)
         total = reached.loss["total"].nan_to_num(torch.inf).unflatten(0, (-1, count))
     unknowns.keep(total.argmin(dim=1) + torch.arange(len(total)) * count)
-    _descend(unknowns, observation, whole, descent, range(alone, descent.steps))
+    _descend(unknowns, observation, whole, descent, range(first_steps, descent.steps))
     with torch.no_grad():
         found = unknowns.parameters(observation.intrinsics)
         return whole(found, observation)
@@ -242,19 +244,19 @@ def _descend(
     descent: Descent,
     steps: range,
 ) -> None:
-    """Some of the steps of a descent, in place."""
-    optimizer = unknowns.optimizer(descent.rate)
-    told = observation.log_sigma().exp()
+    """Take some of the steps of a descent; changes the unknowns."""
+    optimizer = unknowns.optimizer(descent.learning_rate)
+    sigma = observation.log_sigma().exp()
     for step in steps:
-        # A stage that starts from the residuals' size starts from what the landmarks are trusted to.
-        objective.data_term.observe(told, observation.labelled)
+        # A stage that begins with the size of the residuals gets the given σ in their stead.
+        objective.data_term.observe(sigma, observation.labelled)
         objective.data_term.begin(step=step, epoch=0, total_steps=descent.steps)
         parameters = unknowns.parameters(observation.intrinsics)
         loss = objective(parameters, observation).loss["total"]
         optimizer.zero_grad(set_to_none=True)
-        # Hands do not share anything: the gradient of the sum is each hand's own.
+        # Hands share no parameter: the gradient of the sum is that of each hand's own loss.
         loss.sum().backward()
-        fall = 0.5 * (1 + math.cos(math.pi * step / descent.steps))
+        cosine = 0.5 * (1 + math.cos(math.pi * step / descent.steps))
         for group in optimizer.param_groups:
-            group["lr"] = descent.rate * group["share"] * fall
+            group["lr"] = descent.learning_rate * group["share"] * cosine
         optimizer.step()

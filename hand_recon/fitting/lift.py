@@ -1,4 +1,4 @@
-"""A trained lifter's answer: hands in one network pass, or a start in place of a search."""
+"""Hands from a trained lifter: its prediction in one network pass, as the result or as a start of a fit."""
 
 import torch
 
@@ -13,11 +13,11 @@ from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPre
 
 @torch.no_grad()
 def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
-    """The lifter's answer in the camera and the crops of the observation, with its σ.
+    """Predict hands with a lifter, in the camera and the crops of the observation, with the lifter's σ.
 
     Args:
-        regressor: With an encoder of landmarks, in evaluation mode.
-        observation: Hands in any roll; the lifter sees them as its training's, fingers up.
+        regressor: Lifter, a regressor with an encoder of landmarks, in evaluation mode.
+        observation: Hands in any roll; they are rotated fingers up, as in the lifter's training.
     """
     count = len(observation)
     batch = HandBatch(
@@ -31,7 +31,7 @@ def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
     motion = upright_motion(batch.landmarks_2d, batch.labelled, REFERENCE_SIZE)
     prediction: HandPrediction = regressor(move(batch, motion))
     found = prediction.parameters
-    # In the upright crop, the observation's camera has this matrix, after a roll about its axis.
+    # The observation's camera after the roll about its axis that makes the hand upright.
     back = motion.camera.mT
     upright = motion.pixels @ observation.intrinsics @ back
     rotation, translation = to_true_camera(
@@ -41,7 +41,7 @@ def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
         found.joint_angles, found.shape, back @ rotation, (back @ translation[..., None])[..., 0]
     )
     hand = regressor.hand.to_camera(parameters)
-    # The roll mixes the two coordinates' variances; their correlation is left out.
+    # The roll mixes the variances of the two coordinates; their correlation is ignored.
     squares = back[:, None, :2, :2].square() @ torch.exp(2 * prediction.log_sigma)[..., None]
     return HandPrediction(
         parameters=parameters,
@@ -55,7 +55,7 @@ def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
 
 
 def lifted_start(regressor: Regressor, observation: Observation) -> Start:
-    """The lifter's answer as one start per hand; see `lift`."""
+    """Predict one start per hand with a lifter; arguments as for `lift`."""
     found = lift(regressor, observation).parameters
     return Start(
         found.joint_angles[:, None],

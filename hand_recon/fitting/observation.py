@@ -1,4 +1,4 @@
-"""What a fit is given: landmarks in crops, and how far to trust each (Sec. 3.3)."""
+"""Input of a fit: 2D landmarks in crops, and the standard deviation σ of each (Sec. 3.3)."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,23 +11,23 @@ from hand_recon.camera import default_intrinsics
 from hand_recon.schema import REFERENCE_SIZE, HandBatch
 
 UNKNOWN_SIGMA: Final = 3.0
-"""Pixels of a 224-pixel crop that a landmark is trusted to, where nobody says."""
+"""σ of a landmark without σ or confidence, pixels of a 224-pixel crop."""
 
-HALF_SURE: Final = 5.0
-"""Pixels of a 224-pixel crop that a landmark of confidence ½ is trusted to."""
+SIGMA_AT_HALF_CONFIDENCE: Final = 5.0
+"""σ of a landmark of confidence ½, pixels of a 224-pixel crop."""
 
 SIGMA_BOUNDS: Final = (1.0, 25.0)
-"""Nothing makes a landmark exact, and nothing makes it worth nothing: pixels of a 224-pixel crop."""
+"""Least and greatest σ, pixels of a 224-pixel crop; every σ is clipped to them."""
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What is known of hands before the fit: landmarks in crops of 224 pixels."""
+    """Landmarks of the hands to fit, in crops of 224 pixels."""
 
     landmarks_2d: Float[Tensor, "hand landmark=21 2"]
-    """Pixels of the crop; anything where not labelled."""
+    """Landmarks, pixels of the crop; ignored where not labelled."""
     labelled: Bool[Tensor, "hand landmark=21"]
-    """Which landmarks there are; at least three of each hand."""
+    """Mask of the given landmarks; at least three of each hand."""
     intrinsics: Float[Tensor, "hand 3 3"]
     """Camera matrix of the crop, pixels."""
     sigma: Float[Tensor, "hand landmark=21"] | None = None
@@ -37,14 +37,14 @@ class Observation:
         return len(self.landmarks_2d)
 
     def __getitem__(self, hands: slice | Tensor) -> "Observation":
-        """Some of the hands."""
+        """The observation of some of the hands."""
         sigma = None if self.sigma is None else self.sigma[hands]
         return Observation(
             self.landmarks_2d[hands], self.labelled[hands], self.intrinsics[hands], sigma
         )
 
     def log_sigma(self) -> Float[Tensor, "hand landmark=21 2"]:
-        """Logarithm of σ of each coordinate, `UNKNOWN_SIGMA` where nothing is known."""
+        """Logarithm of σ of each coordinate, `UNKNOWN_SIGMA` where σ is not known."""
         unknown = torch.full_like(self.landmarks_2d[..., 0], UNKNOWN_SIGMA)
         sigma = (
             unknown
@@ -55,50 +55,54 @@ class Observation:
 
 
 def sigma_of_confidence(
-    confidence: Float[Tensor, "hand landmark=21"], half_sure: float = HALF_SURE
+    confidence: Float[Tensor, "hand landmark=21"],
+    sigma_at_half_confidence: float = SIGMA_AT_HALF_CONFIDENCE,
 ) -> Float[Tensor, "hand landmark=21"]:
-    """A detector's score as a standard deviation: confidence = 1 / (1 + (σ / half_sure)²).
+    """Convert detector confidences to σ, by confidence = 1 / (1 + (σ / sigma_at_half_confidence)²).
 
-    Detectors do not say what their scores mean. This is monotonic, right for the synthetic detector of
-    `hand_recon.data.synthetic.labels`, and for another one as good as its `half_sure`.
+    Detectors do not define their confidences. The formula is exact for the synthetic detector of
+    `hand_recon.data.synthetic.labels`; for another detector, `sigma_at_half_confidence` has to be tuned.
 
     Args:
-        confidence: From 0 to 1; NaN where unknown.
-        half_sure: σ at confidence ½, pixels of a 224-pixel crop.
+        confidence: Confidences, 0 to 1; NaN where unknown.
+        sigma_at_half_confidence: σ at confidence ½, pixels of a 224-pixel crop.
 
     Returns:
-        Pixels of a 224-pixel crop; NaN where unknown.
+        σ, pixels of a 224-pixel crop, clipped to `SIGMA_BOUNDS`; NaN where unknown.
     """
-    sigma = half_sure * (1 / confidence.clamp(min=1e-6) - 1).clamp(min=0).sqrt()
+    sigma = sigma_at_half_confidence * (1 / confidence.clamp(min=1e-6) - 1).clamp(min=0).sqrt()
     return sigma.clamp(*SIGMA_BOUNDS)
 
 
 def confidence_of_sigma(
-    sigma: Float[Tensor, "hand landmark=21"], half_sure: float = HALF_SURE
+    sigma: Float[Tensor, "hand landmark=21"],
+    sigma_at_half_confidence: float = SIGMA_AT_HALF_CONFIDENCE,
 ) -> Float[Tensor, "hand landmark=21"]:
-    """The inverse of `sigma_of_confidence`, but for its bounds."""
-    return 1 / (1 + (sigma / half_sure).square())
+    """Convert σ to confidences; inverts `sigma_of_confidence` within `SIGMA_BOUNDS`."""
+    return 1 / (1 + (sigma / sigma_at_half_confidence).square())
 
 
-def observed(batch: HandBatch, half_sure: float = HALF_SURE) -> Observation:
-    """The landmarks of a batch of crops; σ where it is told, else from the confidence, else unknown.
+def observed(
+    batch: HandBatch, sigma_at_half_confidence: float = SIGMA_AT_HALF_CONFIDENCE
+) -> Observation:
+    """Take the landmarks of a batch of crops, with σ from `label_noise`, else from the confidence.
 
     Args:
-        batch: Crops of 224 pixels, `label_noise` being the landmarks' σ if anybody knows it.
-        half_sure: Of `sigma_of_confidence`.
+        batch: Crops of 224 pixels; `label_noise` is the landmarks' σ where it is known.
+        sigma_at_half_confidence: σ at confidence ½, pixels of a 224-pixel crop.
     """
     camera = batch.intrinsics
     if camera is None:
         camera = default_intrinsics(REFERENCE_SIZE, batch.landmarks_2d).expand(len(batch), 3, 3)
     sigma = batch.label_noise
     if batch.confidence is not None:
-        from_confidence = sigma_of_confidence(batch.confidence, half_sure)
+        from_confidence = sigma_of_confidence(batch.confidence, sigma_at_half_confidence)
         sigma = (
             from_confidence
             if sigma is None
             else torch.where(sigma.isfinite(), sigma, from_confidence)
         )
     if sigma is not None:
-        # A σ of a hundredth of a pixel would switch the prior off.
+        # With a σ of a hundredth of a pixel the data term would outweigh the prior.
         sigma = sigma.clamp(*SIGMA_BOUNDS)
     return Observation(batch.landmarks_2d, batch.labelled, camera, sigma)

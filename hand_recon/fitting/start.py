@@ -1,8 +1,8 @@
-"""Where a fit starts: the palm's two placements that a picture cannot tell apart, in closed form.
+"""Closed-form starts of a fit: the two poses of the palm that one view cannot tell apart.
 
-The wrist and the bases of the fingers move little against each other and lie nearly in a plane. Seen from
-far away, a plane leaves two answers: tilted towards the camera, or as far away from it. Descent from a random
-start finds one of them if it is lucky (`docs/decisions.md`); so both are computed, and both are tried.
+The wrist and the bases of the fingers move little against each other and lie nearly in a plane. Two poses of
+a plane look alike from far away: tilted towards the camera, and tilted away from it by the same angle.
+Descent from a random start often ends in neither (decision 34), so the fit starts from both.
 """
 
 from dataclasses import dataclass
@@ -19,30 +19,30 @@ PALM_LANDMARKS: Final = tuple(
     LANDMARKS.index(name)
     for name in ("wrist", "thumb CMC", "index MCP", "middle MCP", "ring MCP", "little MCP")
 )
-"""Landmarks that hardly move against each other."""
+"""Landmarks of the palm, which hardly move against each other."""
 
 ELSEWHERE: Final = 0.02
-"""Weight of the other landmarks, against the palm's 1: they decide where the palm is hidden."""
+"""Weight of the landmarks outside the palm, whose own weight is 1; they decide where the palm is hidden."""
 
 BENDS: Final = (0.3, 0.9)
-"""Bends of all joints to start from, radians: an open hand, then a half closed one."""
+"""Bend of all joints in the starts, radians: an open hand, then a half-closed hand."""
 
 SHALLOWEST: Final = 0.05
-"""Least distance of a start from the camera, metres."""
+"""Least depth of a hand, metres."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """Placements and poses to descend from."""
+    """Hand parameters that a fit starts from."""
 
     joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
-    """Radians."""
+    """Bend, splay and twist, radians."""
     root_rotation: Float[Tensor, "*batch 3 3"]
-    """Hand's frame to camera's."""
+    """Rotation from the hand's frame to the camera's."""
     translation: Float[Tensor, "*batch 3"]
-    """Of the hand's origin, metres, camera's frame."""
+    """Position of the hand's origin in the camera's frame, metres."""
     shape: Float[Tensor, "*batch direction=10"]
-    """Standard deviations."""
+    """Shape coefficients, standard deviations."""
 
 
 def closed_form_starts(
@@ -52,30 +52,32 @@ def closed_form_starts(
     intrinsics: Float[Tensor, "batch 3 3"],
     count: int = 4,
 ) -> Start:
-    """The first `count` of: both palm placements with open fingers, then both with half closed ones.
+    """Compute starts of hands: both palm poses of an open hand, then both of a half-closed hand.
 
     Args:
-        hand: The hand, for the form of its palm.
-        landmarks_2d: Pixels; anything where not labelled.
-        labelled: Which landmarks there are; at least three.
-        intrinsics: Camera matrix, the same pixels.
-        count: Starts per hand, 1 to 4.
+        hand: Hand model.
+        landmarks_2d: Landmarks, pixels; ignored where not labelled.
+        labelled: Mask of the given landmarks, at least three of each hand.
+        intrinsics: Camera matrices, same pixels.
+        count: Starts per hand, 1 to 4: the first ones of the four.
 
     Returns:
-        One start per hand and try: batch × count.
+        Starts, batch × count.
 
     Raises:
-        ValueError: There are not so many starts.
+        ValueError: `count` is not 1, 2, 3 or 4.
     """
     most = 2 * len(BENDS)
     if not 1 <= count <= most:
-        raise ValueError(f"A fit has 1 to {most} starts, found {count}.")
+        raise ValueError(
+            f"Expected 1 to {most} starts, found {count}. Set descent.starts to one of them."
+        )
     angles, placements = [], []
     for bend in BENDS[: (count + 1) // 2]:
         pose = torch.zeros_like(hand.rest_angles)
         pose[:, AXES.index("bend")] = bend
         points = hand(pose, hand.template.new_zeros(10)).landmarks.to(landmarks_2d)
-        placements += _both_placements(points, landmarks_2d, labelled, intrinsics)
+        placements += _palm_placements(points, landmarks_2d, labelled, intrinsics)
         angles += [pose.to(landmarks_2d)] * 2
     rotation = torch.stack([rotation for rotation, _ in placements[:count]], dim=1)
     translation = torch.stack([translation for _, translation in placements[:count]], dim=1)
@@ -83,19 +85,19 @@ def closed_form_starts(
     return Start(pose, rotation, translation, shape=rotation.new_zeros(*rotation.shape[:2], 10))
 
 
-def _both_placements(
+def _palm_placements(
     points: Float[Tensor, "landmark=21 3"],
     landmarks_2d: Float[Tensor, "batch landmark=21 2"],
     labelled: Bool[Tensor, "batch landmark=21"],
     intrinsics: Float[Tensor, "batch 3 3"],
 ) -> list[tuple[Tensor, Tensor]]:
-    """Rotation and translation of the palm's plane that fit the landmarks, in both ways."""
+    """The two rotations and translations of the palm that fit the landmarks."""
     weights = points.new_full((21,), ELSEWHERE)
     weights[list(PALM_LANDMARKS)] = 1.0
     weights = weights * labelled
     basis, centre = _plane(points[list(PALM_LANDMARKS)])
     on_plane = (points - centre) @ basis[:, :2]
-    # Rays at unit depth, and then turned so that the middle of what is seen is straight ahead.
+    # Points of the rays at unit depth.
     seen = torch.cat([landmarks_2d, torch.ones_like(landmarks_2d[..., :1])], dim=-1)
     seen = seen.masked_fill(~labelled[..., None], 0.0)
     rays = torch.linalg.solve(intrinsics, seen.mT).mT[..., :2]
@@ -107,13 +109,13 @@ def _both_placements(
     found = []
     for rotation in rotations:
         root_rotation = rotation @ basis.mT
-        # The fit says where the palm's middle is; the hand's origin lies elsewhere.
+        # The fit gives the position of the palm's centre; subtract its offset from the hand's origin.
         found.append((root_rotation, middle - (root_rotation @ centre)))
     return found
 
 
 def _plane(points: Float[Tensor, "point 3"]) -> tuple[Tensor, Tensor]:
-    """An orthonormal basis, one vector per column, the first two along the points' plane; and their mean."""
+    """Fit a plane: an orthonormal basis in columns, the first two in the plane, and the points' mean."""
     centre = points.mean(dim=0)
     _, _, rows = torch.linalg.svd(points - centre)
     basis = rows.mT.clone()
@@ -126,21 +128,21 @@ def _affine(
     rays: Float[Tensor, "batch landmark 2"],
     weights: Float[Tensor, "batch landmark"],
 ) -> tuple[Float[Tensor, "batch 2 2"], Float[Tensor, "batch 2"]]:
-    """The weighted least-squares affine map of the plane into the picture."""
+    """Fit an affine map from the plane to the image by weighted least squares."""
     ones = torch.ones_like(points[:, :1])
     design = torch.cat([points, ones], dim=-1)
     weighted = design.mT * weights[:, None]
-    # A trace of the identity: three landmarks in a line leave one direction open.
+    # Regularization, because three landmarks in a line leave one direction undetermined.
     damping = torch.diag(points.new_tensor([1e-8, 1e-8, 1e-12]))
     solution = torch.linalg.solve(weighted @ design + damping, weighted @ rays)
     return solution[:, :2].mT, solution[:, 2]
 
 
 def _two_rotations(linear: Float[Tensor, "batch 2 2"]) -> tuple[Tensor, Tensor]:
-    """The two rotations whose first two columns, scaled and seen from afar, are these.
+    """Solve for the two rotations whose first two columns project orthographically to the map's columns.
 
-    With columns (m₁, a)/s and (m₂, b)/s of unit length at right angles, s is the larger singular value of
-    (m₁ m₂), and the depths a and b are known up to their common sign.
+    The columns (m₁, a)/s and (m₂, b)/s have unit length and are orthogonal: s is the larger singular value of
+    (m₁ m₂), and the depths a and b are determined up to their common sign.
     """
     first, second = linear[..., 0], linear[..., 1]
     size = torch.linalg.matrix_norm(linear, ord=2).clamp(min=1e-6)

@@ -112,11 +112,16 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
         regressor = load_trained(config.lifter, config.hand.landmarks).module.regressor
         further = partial(lifted_start, regressor)
         if descent.steps == 0:
-            return lambda batch: Fitted(lift(regressor, observed(batch, config.half_sure)), {})
+            return lambda batch: Fitted(
+                lift(regressor, observed(batch, config.sigma_at_half_confidence)), {}
+            )
 
     def run(batch: HandBatch) -> Fitted:
         return descend(
-            observed(batch, config.half_sure), objective, descent=descent, further=further
+            observed(batch, config.sigma_at_half_confidence),
+            objective,
+            descent=descent,
+            further=further,
         )
 
     return run

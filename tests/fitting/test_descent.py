@@ -2,6 +2,7 @@
 
 import copy
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 
 import pytest
@@ -19,11 +20,12 @@ from hand_recon.fitting.lift import lifted_start
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.prior import Prior
-from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm, Term
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
-from hand_recon.schema import HandBatch, HandPrediction
+from hand_recon.schema import HandBatch, HandParameters
 from hand_recon.uncertainty import NegativeLogLikelihood, SquaredError, Staged
 from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views
@@ -37,9 +39,19 @@ def double(hand: HandModel) -> HandModel:
     return copy.deepcopy(hand).double()
 
 
+def without_penetration(hand: HandModel) -> Prior:
+    """Row 3 of Table 1."""
+    return Prior(
+        {
+            "range_of_motion": RangeOfMotionTerm(hand, anatomy=FunctionalAnatomy()),
+            "shape": ShapeTerm(hand),
+        }
+    )
+
+
 @pytest.fixture
 def prior(hand: HandModel) -> Prior:
-    return Prior(load_ranges("literature", hand.rest_angles), hand, functional_anatomy=True)
+    return without_penetration(hand)
 
 
 @pytest.fixture
@@ -87,8 +99,7 @@ def test_the_staged_likelihood_fits_them_too(
 
 
 def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None:
-    ranges = load_ranges("literature", hand.rest_angles)
-    prior = Prior(ranges, hand, non_penetration=20_000.0)
+    prior = Prior.default(hand)
     found = fit(
         observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(starts=1, steps=10)
     )
@@ -109,7 +120,7 @@ def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None
 def test_more_starts_never_end_higher(double: HandModel, prior: Prior, seen: HandBatch) -> None:
     losses = [
         fit(in_double(seen), Objective(double, prior, SquaredError()),
-            descent=Descent(starts=starts, steps=60, contact_from=1.0)).loss["total"]
+            descent=Descent(starts=starts, steps=60, non_penetration_from=1.0)).loss["total"]
         for starts in (1, 2, 4)
     ]  # fmt: skip
     for fewer, more in itertools.pairwise(losses):
@@ -181,25 +192,26 @@ def test_an_outlier_of_large_sigma_pulls_less(
 
 
 class Asked(Prior):
-    """Remembers whether it was asked about surfaces, and how many hands and vertices it was shown."""
+    """Records how many hands and vertices every call had."""
+
+    def __init__(self, terms: Mapping[str, Term]) -> None:
+        super().__init__(terms)
+        self.asked: list[tuple[int, int | None]] = []
 
     def forward(
-        self, prediction: HandPrediction, *, contact: bool = True
+        self, parameters: HandParameters, vertices: Float[Tensor, "*batch vertex 3"] | None = None
     ) -> dict[str, Float[Tensor, "*batch"]]:
-        self.asked = [*getattr(self, "asked", []), (contact, prediction.vertices.shape[:2])]
-        return super().forward(prediction, contact=contact)
+        count = None if vertices is None else vertices.shape[1]
+        self.asked.append((len(parameters.shape), count))
+        return super().forward(parameters, vertices)
 
 
 def test_surfaces_join_late_and_for_the_best_start_alone(hand: HandModel, seen: HandBatch) -> None:
-    prior = Asked(load_ranges("literature", hand.rest_angles), hand)
-    descent = Descent(starts=2, steps=10, contact_from=0.6)
+    prior = Asked({"shape": ShapeTerm(hand)})
+    descent = Descent(starts=2, steps=10, non_penetration_from=0.6)
     fit(observed(seen), Objective(hand, prior, SquaredError()), descent=descent)
     # Six steps without and the choice between the starts, four with and the result.
-    assert [contact for contact, _ in prior.asked] == [False] * 7 + [True] * 5
-    whole = len(hand.template)
-    for contact, (hands, vertices) in prior.asked:
-        assert hands == (COUNT if contact else 2 * COUNT)
-        assert (vertices == whole) == contact
+    assert prior.asked == [(2 * COUNT, None)] * 7 + [(COUNT, len(hand.template))] * 5
 
 
 def test_the_batch_does_not_matter(double: HandModel, prior: Prior, seen: HandBatch) -> None:
@@ -238,10 +250,10 @@ def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior:
             truth.shape[:, None],
         )
 
-    alone = Descent(starts=0, steps=1, rate=1e-6)
+    alone = Descent(starts=0, steps=1, learning_rate=1e-6)
     found = fit(observed(seen), Objective(hand, prior, SquaredError()), descent=alone, further=told)
     assert float(distance(found, seen).max()) < 0.05
-    beside = Descent(starts=2, steps=1, rate=1e-6)
+    beside = Descent(starts=2, steps=1, learning_rate=1e-6)
     found = fit(
         observed(seen), Objective(hand, prior, SquaredError()), descent=beside, further=told
     )
@@ -276,8 +288,7 @@ def test_without_a_start_there_is_no_fit(hand: HandModel, prior: Prior, seen: Ha
 
 
 def test_no_hand_is_fitted_to_none(hand: HandModel, seen: HandBatch) -> None:
-    ranges = load_ranges("literature", hand.rest_angles)
-    prior = Prior(ranges, hand, functional_anatomy=True, non_penetration=20_000.0)
+    prior = Prior.default(hand)
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5)
     none = observed(seen.select(slice(0)))
     found = fit(none, Objective(hand, prior, term), descent=Descent(steps=4))

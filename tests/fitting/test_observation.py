@@ -23,9 +23,9 @@ COUNT = 8
 def test_confidence_and_sigma_are_two_words_for_one_thing() -> None:
     sigma = torch.linspace(1.0, 25.0, 21)[None]
     assert_close(sigma_of_confidence(confidence_of_sigma(sigma)), sigma)
-    for half_sure in (2.0, 5.0, 9.0):
-        half = sigma_of_confidence(torch.full((1, 21), 0.5), half_sure)
-        assert_close(half, torch.full((1, 21), half_sure))
+    for half_sigma in (2.0, 5.0, 9.0):
+        half = sigma_of_confidence(torch.full((1, 21), 0.5), half_sigma)
+        assert_close(half, torch.full((1, 21), half_sigma))
     # 1 / (1 + (10 / 5)²) = 0.2
     assert_close(confidence_of_sigma(torch.full((1, 21), 10.0)), torch.full((1, 21), 0.2))
 

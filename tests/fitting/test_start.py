@@ -133,7 +133,7 @@ def test_fewer_starts_are_the_first_of_more(hand: HandModel) -> None:
 def test_there_are_one_to_four_starts(hand: HandModel, count: int) -> None:
     batch = views(hand, known_hands(hand, 1))
     assert batch.intrinsics is not None
-    with pytest.raises(ValueError, match=f"1 to 4 starts, found {count}"):
+    with pytest.raises(ValueError, match=f"Expected 1 to 4 starts, found {count}"):
         closed_form_starts(hand, batch.landmarks_2d, batch.labelled, batch.intrinsics, count)
 
 
