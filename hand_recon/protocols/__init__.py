@@ -1,1 +1,1 @@
-"""The benchmarks' protocols: official scores, submissions, prediction files and their checks (Sec. 4.1)."""
+"""The benchmarks' protocols: official scores, submissions, prediction files and their lint (Sec. 4.1)."""

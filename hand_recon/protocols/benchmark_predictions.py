@@ -1,4 +1,4 @@
-"""What a model says of a whole test set: every hand once, in order, as benchmarks want it (Sec. 4.1)."""
+"""Predictions for a benchmark's whole test set, every hand once and in order (Sec. 4.1)."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,45 +16,46 @@ from hand_recon.protocols.benchmarks import Protocol
 from hand_recon.schema import HandBatch
 
 MANO: Final = "mano"
-"""Name of the hand whose vertices the benchmarks number."""
+"""Name of the hand model whose vertices the benchmarks score."""
 
 
 @dataclass(frozen=True)
 class TestedHands:
-    """Predictions and truth of a test set, in the cameras' frames, metres, left hands as left hands."""
+    """Predictions and ground truth of a test set, camera frame, metres; left hands not mirrored."""
 
     prediction: HandPoints
-    """Its vertices are there only if they are MANO's."""
+    """Predicted hands; vertices only if they are MANO's."""
     ground_truth: HandPoints | None
-    """None where the dataset does not tell; without vertices where it has none of this hand."""
+    """Ground truth; none where the dataset has none; no vertices where it has none of this hand."""
 
 
 def benchmark_of(data: HandDataModule, protocol: Protocol) -> Benchmark:
-    """What the benchmark needs to know of the test hands, if they are the benchmark's.
+    """Benchmark that the test hands belong to.
 
     Raises:
-        ValueError: They are another benchmark's or nobody's, or some are missing.
+        ValueError: They are of another benchmark or of none, or some are missing.
     """
     found = getattr(data.dataset("test"), "benchmark", None)
     if found is None:
         raise ValueError(
             f"The test hands of {data.name} are no benchmark's, so that protocol={protocol.name} does not "
-            "apply: they were held out of training data, thinned out, or some subjects are missing (see the "
-            "warnings above), or it is a dataset without a benchmark."
+            "apply: they were held out of training data, only every n-th is used, some subjects are missing "
+            "(see the warnings above), or the dataset has no benchmark. Leave protocol= out, or test on the "
+            "whole official test set."
         )
-    # DexYCB's setups share one metric: its bare name serves them all.
+    # DexYCB's setups share one metric: protocol=dexycb is for all of them.
     fits = found.protocol == protocol.name or (
         protocol.name == "dexycb" and found.protocol.startswith("dexycb_")
     )
     if not fits:
         raise ValueError(
-            f"These test hands are of the benchmark {found.protocol}; protocol={protocol.name} would score "
-            f"them as another's. Give protocol={found.protocol}."
+            f"These test hands are of the benchmark {found.protocol}; protocol={protocol.name} is another. "
+            f"Give protocol={found.protocol}."
         )
     if found.left_out:
         raise ValueError(
-            f"{found.left_out} of the benchmark's test hands are missing from {data.name}, and a file "
-            "without them would be read with all later hands out of place. Unpack the archive again."
+            f"{found.left_out} of the benchmark's test hands are missing from {data.name}; a file "
+            "without them would shift all later hands. Unpack the archive again."
         )
     return found
 
@@ -66,37 +67,37 @@ def predict_test(
     """Reconstruct every test hand.
 
     Args:
-        module: From batches to predictions.
-        data: Whose test set.
+        module: Maps a batch to a prediction.
+        data: Datamodule with the test set.
         hand: Name of the module's hand model.
-        device: Where to compute.
+        device: Device to compute on.
 
     Raises:
-        ValueError: A picture could not be read: a benchmark takes no file that lacks a hand.
+        ValueError: An image could not be read: benchmarks refuse a file that lacks a hand.
     """
     module = module.to(device).eval()
     loader = data.test_dataloader()
     columns: dict[str, list[Tensor]] = {}
-    places: list[int] = []
+    indices: list[int] = []
     for batch in with_progress(loader, len(loader), "Predicting"):
         found = module(to_float(batch.to(device))).to("cpu")
-        places += batch.index.tolist()
+        indices += batch.index.tolist()
         rows = {"landmarks": found.landmarks_3d, "true landmarks": batch.landmarks_3d}
         if hand == MANO:
             rows |= {"vertices": found.vertices, "true vertices": batch.vertices}
         for name, points in rows.items():
             if points is not None:
-                columns.setdefault(name, []).append(_as_it_is(points, batch))
-    _check_order(places, len(data.dataset("test")), data.name)
+                columns.setdefault(name, []).append(_unmirrored(points, batch))
+    _check_order(indices, len(data.dataset("test")), data.name)
     joined = {name: torch.cat(parts) for name, parts in columns.items()}
     prediction = HandPoints(joined["landmarks"], joined.get("vertices"))
     return TestedHands(prediction, _ground_truth_of(joined, len(prediction)))
 
 
-def _as_it_is(
+def _unmirrored(
     points: Float[Tensor, "hand point 3"], batch: HandBatch
 ) -> Float[Tensor, "hand point 3"]:
-    """Left hands, which were mirrored when they were read, are left again."""
+    """Mirror left hands back, which were mirrored to right ones when they were read."""
     if batch.mirrored is None:
         return points
     mirrored: Bool[Tensor, " hand"] = batch.mirrored
@@ -115,11 +116,11 @@ def _ground_truth_of(joined: dict[str, Tensor], hands: int) -> HandPoints | None
     return HandPoints(landmarks, vertices)
 
 
-def _check_order(places: list[int], hands: int, name: str) -> None:
-    """Every sample in its place: another one stands in for a picture that could not be read."""
-    missing = sorted(set(range(hands)) - set(places))
-    if missing or places != sorted(places) or len(places) != hands:
+def _check_order(indices: list[int], hands: int, name: str) -> None:
+    """Check that every sample came once and in order: an unreadable image is replaced by another sample."""
+    missing = sorted(set(range(hands)) - set(indices))
+    if missing or indices != sorted(indices) or len(indices) != hands:
         raise ValueError(
             f"{len(missing)} of {hands} test hands of {name} could not be read (the first: {missing[:5]}), "
-            "and a file for the benchmark needs all of them. Unpack the pictures again."
+            "and a file for the benchmark needs all of them. Unpack the images again."
         )

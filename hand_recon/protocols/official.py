@@ -1,4 +1,4 @@
-"""What the benchmarks' own scripts would print, under their names and in their units.
+"""Scores of the benchmarks' own scripts, under their names and in their units (Sec. 4.1).
 
 Checked to the last printed digit against the scripts' output on a small set of arrays.
 """
@@ -24,10 +24,10 @@ from hand_recon.evaluation.scores import (
 )
 
 CENTIMETRES: Final = 100.0
-"""Per metre: FreiHAND's and HO3D's scripts write centimetres."""
+"""Centimetres per metre: FreiHAND's and HO3D's scripts write centimetres."""
 
 MILLIMETRES: Final = 1000.0
-"""Per metre: DexYCB's toolkit computes in millimetres."""
+"""Millimetres per metre: DexYCB's toolkit computes in millimetres."""
 
 _SURFACE_NAMES: Final = {
     "mesh_mean3d": "E_V_unaligned",
@@ -56,17 +56,17 @@ _HO3D_LANDMARK_NAMES: Final = {
 
 
 def freihand_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    """The contents of `scores.txt` of FreiHAND's `eval.py`.
+    """Scores in `scores.txt` of FreiHAND's `eval.py`.
 
     Args:
         ground_truth: Landmarks and vertices, camera frame, metres.
-        prediction: The same of the prediction; as many vertices.
+        prediction: Predicted landmarks and as many vertices, in the same frame, metres.
 
     Returns:
         `mean3d` in centimetres, the others 0 to 1.
 
     Raises:
-        ValueError: Vertices are absent, or do not correspond.
+        ValueError: Vertices are absent, or their numbers differ.
     """
     return _renamed(
         _FREIHAND_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(ground_truth, prediction)
@@ -74,18 +74,18 @@ def freihand_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[st
 
 
 def ho3d_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    """The contents of `scores.txt` of HO3D's `eval.py`.
+    """Scores in `scores.txt` of HO3D's `eval.py`.
 
     Args:
-        ground_truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in HO3D's order
-            and axes.
-        prediction: The same of the prediction; as many vertices.
+        ground_truth: Landmarks *in FreiHAND's order* and vertices, metres. The scores are the same in HO3D's
+            order and axes.
+        prediction: Predicted landmarks and as many vertices, in the same frame, metres.
 
     Returns:
         `mean3d` in centimetres, the others 0 to 1.
 
     Raises:
-        ValueError: Vertices are absent, or do not correspond.
+        ValueError: Vertices are absent, or their numbers differ.
     """
     scores = _renamed(_HO3D_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(ground_truth, prediction))
     ground_truth, prediction = ground_truth.double(), prediction.double()
@@ -98,12 +98,12 @@ def ho3d_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, f
 
 
 def dexycb_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, dict[str, float]]:
-    """The hand pose evaluation of DexYCB's toolkit: landmarks only, three alignments.
+    """Scores of the hand pose evaluation of DexYCB's toolkit: landmarks only, three alignments.
 
     Returns:
         `mpjpe_mm` in millimetres and `auc` from 0 to 1, for each alignment.
     """
-    # In millimetres from the start, as the toolkit: an exact zero in one unit is none in the other.
+    # In millimetres from the start, as the toolkit: a zero error in metres may not be zero in millimetres.
     landmarks = ground_truth.double().landmarks * MILLIMETRES
     predicted = prediction.double().landmarks * MILLIMETRES
     pairs = {

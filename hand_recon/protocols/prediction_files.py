@@ -1,7 +1,7 @@
-"""Reads files of predictions and their ground truth, in the benchmarks' own forms (Sec. 4.1).
+"""Readers of prediction files and their ground truth, in the benchmarks' own formats (Sec. 4.1).
 
 FreiHAND and HO3D take `pred.json`, or a zip of it; DexYCB takes text, one line of an id and 63 numbers
-for each image. What a file has but the official server would not take is read, and remarked upon.
+for each image. Deviations that the official server would refuse are read with a remark.
 """
 
 import zipfile
@@ -25,55 +25,55 @@ from hand_recon.protocols.prediction_json import (
 )
 
 COLUMNS: Final = 64
-"""Of a line of DexYCB's text: the id, then three coordinates of 21 landmarks."""
+"""Numbers on a line of DexYCB's text: the id, then three coordinates of 21 landmarks."""
 
 LONGEST: Final = 64
-"""Characters of an entry in it; a double needs 25."""
+"""Most characters of an entry of DexYCB's text; a double needs 25."""
 
 MESH: Final = 778
-"""Vertices that the official scripts expect: MANO's."""
+"""Number of vertices that the official scripts expect: MANO's."""
 
 ABSENT: Final = -1.0
-"""What DexYCB writes for every coordinate of a hand without annotation."""
+"""Value of every coordinate of a hand without annotation in DexYCB."""
 
 
 @dataclass(frozen=True)
 class PointFile:
-    """Points of a file in that file's own order, axes and unit."""
+    """Points of a file, in the file's own order, axes and unit."""
 
     points: HandPoints
-    """Double-precision landmarks; single-precision vertices where there are some."""
+    """Landmarks in double precision; vertices, where there are some, in single precision."""
     ids: Int[Tensor, " hand"]
-    """Of each frame: its position, or what DexYCB's text says."""
+    """Id of each frame: its position in the file, or the id in DexYCB's text."""
     remarks: tuple[str, ...] = ()
-    """What the official server would take amiss, or what was left out."""
+    """Deviations that the official server would refuse, and what was left out."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Predictions beside their ground truth, frame by frame, in the protocol's own form."""
+    """Predictions and ground truth of the same frames, in the protocol's order, axes and unit."""
 
     ground_truth: HandPoints
-    """Ground truth."""
+    """True points."""
     prediction: HandPoints
-    """Of the same frames; vertices only where both have them."""
+    """Predicted points; vertices only where both files have them."""
     remarks: tuple[str, ...]
-    """What the user should know of the files."""
+    """Remarks on the files for the user."""
     predicted_vertices: Tensor | None = None
-    """The file's mesh even where there is no ground truth of it."""
+    """Predicted vertices even where there is no ground truth of them."""
 
 
 def read_pair(predictions: Path, ground_truth: Path, protocol: Protocol) -> Pair:
-    """Read both sides and set them beside each other.
+    """Read predictions and ground truth and match their frames.
 
     Raises:
-        FileNotFoundError: A file is not there.
-        ValueError: A file is not in its form, or the two do not have the same frames.
+        FileNotFoundError: A file does not exist.
+        ValueError: A file has another format, or the two do not have the same frames.
     """
     expected = read_ground_truth(ground_truth, protocol)
     found = read_predictions(predictions, protocol)
     remarks = list(expected.remarks + found.remarks)
-    if protocol.unit == "mm":
+    if protocol.is_text:
         found = _of_ids(found, expected.ids, predictions, ground_truth)
     elif len(found.points) != len(expected.points):
         raise ValueError(
@@ -84,7 +84,7 @@ def read_pair(predictions: Path, ground_truth: Path, protocol: Protocol) -> Pair
     if protocol.frames not in (None, len(expected.points)):
         remarks.append(
             f"{len(expected.points)} frames are scored and not the {protocol.frames} of {protocol.name}: "
-            "these are not the numbers of the official test set."
+            "these are not scores of the official test set."
         )
     mesh = found.points.vertices
     if mesh is not None:
@@ -112,7 +112,7 @@ def _with_common_vertices(
         return Pair(ground_truth, found, tuple(remarks), mesh)
     remarks.append(f"{reason}: landmarks alone are scored, and the surface's scores are -1.")
     landmarks = HandPoints(ground_truth.landmarks), HandPoints(found.landmarks)
-    # Fewer points than landmarks are no surface: the lint would compare hands with them in vain.
+    # Fewer points than landmarks are no surface, and the lint cannot compare them with a hand.
     surface = mesh if mesh is not None and mesh.shape[1] > 21 else None
     return Pair(*landmarks, tuple(remarks), surface)
 
@@ -122,17 +122,17 @@ def read_predictions(path: Path, protocol: Protocol) -> PointFile:
 
     Args:
         path: `pred.json`, a zip of it, or DexYCB's text.
-        protocol: Whose form it has.
+        protocol: Benchmark whose format it has.
 
     Raises:
-        FileNotFoundError: It is not there.
-        ValueError: It is not in that form; the message says what was found and what to do.
+        FileNotFoundError: It does not exist.
+        ValueError: It has another format; the message says what was found and what to do.
     """
     if not path.is_file():
         raise FileNotFoundError(
             f"There is no file {path}; predictions=<file> is pred.json, pred.zip or DexYCB's text."
         )
-    if protocol.unit == "mm":
+    if protocol.is_text:
         return _read_text(path)
     if zipfile.is_zipfile(path):
         return _read_zip(path)
@@ -141,30 +141,30 @@ def read_predictions(path: Path, protocol: Protocol) -> PointFile:
 
 
 def read_ground_truth(folder: Path, protocol: Protocol) -> PointFile:
-    """Read `evaluation_xyz.json` and, where it is, `evaluation_verts.json`.
+    """Read `evaluation_xyz.json` and, where it exists, `evaluation_verts.json`.
 
-    For DexYCB, either a text in the form of its predictions, or a folder whose `evaluation_xyz.json` is in
-    metres and FreiHAND's order: then ids are positions, and hands of nothing but −1 are left out.
+    For DexYCB, either a text in the format of its predictions, or a folder whose `evaluation_xyz.json` is in
+    metres and FreiHAND's order: then ids are positions, and hands whose coordinates are all −1 are left out.
 
     Raises:
-        FileNotFoundError: It is not there.
-        ValueError: It is not in that form.
+        FileNotFoundError: It does not exist.
+        ValueError: It has another format.
     """
-    if folder.is_file() and protocol.unit == "mm":
+    if folder.is_file() and protocol.is_text:
         return _annotated(_read_text(folder))
     path, mesh = folder / "evaluation_xyz.json", folder / "evaluation_verts.json"
     if not path.is_file():
         raise FileNotFoundError(
-            f"{folder} holds no evaluation_xyz.json. ground_truth=<folder> is where the benchmark's "
-            "evaluation_xyz.json lies, with evaluation_verts.json beside it where that is known."
+            f"{folder} holds no evaluation_xyz.json. Give ground_truth=<folder> with the benchmark's "
+            "evaluation_xyz.json and, where it is known, evaluation_verts.json."
         )
     with path.open("rb") as stream:
         lists = read_point_lists(stream, str(path))
     landmarks = torch.from_numpy(lists.landmarks)
     ids = torch.arange(len(landmarks))
-    if protocol.unit == "mm":
+    if protocol.is_text:
         metres = _annotated(PointFile(HandPoints(landmarks), ids))
-        return PointFile(HandPoints(metres.points.landmarks / UNITS["mm"]), metres.ids)
+        return PointFile(HandPoints(metres.points.landmarks / UNITS[protocol.unit]), metres.ids)
     require_finite("ground-truth landmarks", landmarks, ids)
     return PointFile(HandPoints(landmarks, _true_vertices(mesh, len(landmarks))), ids)
 
@@ -177,7 +177,7 @@ def _true_vertices(path: Path, frames: int) -> Tensor | None:
     if len(vertices) != frames:
         raise ValueError(
             f"{path} has {len(vertices)} frames and evaluation_xyz.json beside it {frames}; "
-            "they are not of one test set."
+            "both must be of one test set. Copy them again."
         )
     return vertices
 
@@ -233,7 +233,7 @@ def _read_text(path: Path) -> PointFile:
                 f"Line {number + 1} of {path} has {line.count(b',') + 1} comma-separated entries; expected "
                 f"are {COLUMNS}: id,x1,y1,z1,...,x21,y21,z21 in millimetres."
             )
-        # NumPy makes every entry as long as the longest.
+        # NumPy stores every entry with the length of the longest.
         if max(map(len, line.split(b","))) > LONGEST:
             raise ValueError(
                 f"Line {number + 1} of {path} has an entry of more than {LONGEST} characters; "
@@ -242,7 +242,9 @@ def _read_text(path: Path) -> PointFile:
     try:
         numbers = np.array([line.split(b",") for line in lines]).astype(np.float64)
     except ValueError as error:
-        raise ValueError(f"{path} has an entry that is no number: {error}.") from error
+        raise ValueError(
+            f"{path} has an entry that is no number: {error}. Expected are {COLUMNS} numbers on each line."
+        ) from error
     if not len(numbers):
         raise ValueError(
             f"{path} is empty; expected is a line of {COLUMNS} numbers for each image."
@@ -258,18 +260,18 @@ def _read_text(path: Path) -> PointFile:
 
 
 def _whole_ids(numbers: Float[np.ndarray, " hand"], path: Path) -> Int[Tensor, " hand"]:
-    """The ids, which count images from nought; beyond 2⁵³ a double skips whole numbers."""
+    """Ids as integers, which count images from zero; beyond 2⁵³ a double skips whole numbers."""
     wrong = ~((numbers >= 0) & (numbers < 2**53) & (numbers % 1 == 0))
     if wrong.any():
         raise ValueError(
-            f"{path} has the id {float(numbers[wrong][0])!r}; expected is a whole number, the image's place "
-            "among all of the split. Is the first column missing?"
+            f"{path} has the id {float(numbers[wrong][0])!r}; expected is a whole number, the image's "
+            "position in the split. Check that the first column is not missing."
         )
     return torch.from_numpy(numbers.astype(np.int64))
 
 
 def _annotated(file: PointFile) -> PointFile:
-    """Without the hands that have no annotation."""
+    """Drop hands without annotation."""
     known = (file.points.landmarks != ABSENT).flatten(1).any(dim=1)
     return PointFile(file.points[known.nonzero()[:, 0]], file.ids[known])
 
@@ -277,9 +279,9 @@ def _annotated(file: PointFile) -> PointFile:
 def _of_ids(
     file: PointFile, wanted: Int[Tensor, " hand"], path: Path, ground_truth: Path
 ) -> PointFile:
-    """The frames of these ids, in their order."""
-    place = {identity: row for row, identity in enumerate(file.ids.tolist())}
-    missing = [identity for identity in wanted.tolist() if identity not in place]
+    """Select the frames of some ids, in their order."""
+    row_of = {identity: row for row, identity in enumerate(file.ids.tolist())}
+    missing = [identity for identity in wanted.tolist() if identity not in row_of]
     if missing:
         shown = ", ".join(str(identity) for identity in missing[:5])
         raise ValueError(
@@ -287,5 +289,5 @@ def _of_ids(
             f"ones in {ground_truth}: ids {shown}{' ...' if len(missing) > 5 else ''}. "
             "Predict every image; ids count all images of the split, annotated or not."
         )
-    rows = torch.tensor([place[identity] for identity in wanted.tolist()], dtype=torch.int64)
+    rows = torch.tensor([row_of[identity] for identity in wanted.tolist()], dtype=torch.int64)
     return PointFile(file.points[rows], wanted, file.remarks)

@@ -1,4 +1,4 @@
-"""Scores anybody's predictions as the benchmark would, and says what looks wrong with them (Sec. 4.1)."""
+"""Scoring of prediction files as the benchmarks do it, with a lint for common mistakes (Sec. 4.1)."""
 
 import json
 import logging
@@ -21,36 +21,34 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Request:
-    """Which predictions are scored against what."""
+    """Predictions to be scored, and their ground truth."""
 
     predictions: Path
     """`pred.json`, a zip of it, or DexYCB's text."""
     protocol: Protocol
-    """Whose form the files have, and whose scores are wanted."""
+    """Benchmark whose format the files have and whose scores are computed."""
     ground_truth: Path
-    """A folder with `evaluation_xyz.json` and, where known, `evaluation_verts.json`."""
+    """Folder with `evaluation_xyz.json` and, where known, `evaluation_verts.json`."""
     outputs: tuple[Path, ...]
-    """Where the scores go as JSON; none of them may exist."""
+    """JSON files to write the scores to; none of them may exist."""
 
 
 def score_predictions(request: Request) -> dict[str, Any]:
-    """Read, score, lint, print and write.
+    """Read a file of predictions, score and lint it, print and write the result.
 
     Returns:
-        The official script's scores by its names; `frames`, `remarks` on the files, and the findings of the
-        `lint`.
+        The official script's scores by its names; number of `frames`, `remarks` on the files, and the
+        findings of the `lint`.
 
     Raises:
-        FileExistsError: An output is there already.
-        FileNotFoundError: A file is not there.
-        ValueError: A file is not in its form, or the two do not have the same frames.
+        FileExistsError: An output exists already.
+        FileNotFoundError: A file does not exist.
+        ValueError: A file has another format, or the two do not have the same frames.
     """
-    # Before anything is read: reading may take a minute.
+    # Before reading, which may take a minute.
     for path in request.outputs:
         if path.exists():
-            raise FileExistsError(
-                f"{path} exists, and nothing is overwritten; name another output."
-            )
+            raise FileExistsError(f"{path} exists and is not overwritten; name another output.")
     protocol = request.protocol
     pair = read_pair(request.predictions, request.ground_truth, protocol)
     ground_truth, prediction = (
@@ -59,7 +57,7 @@ def score_predictions(request: Request) -> dict[str, Any]:
     )
     official = protocol.scores(ground_truth, prediction)
     findings = lint(pair.ground_truth, pair.prediction, protocol, pair.predicted_vertices)
-    _print(official, _ours(official, ground_truth, prediction), pair, findings)
+    _print(official, _in_papers_names(official, ground_truth, prediction), pair, findings)
     result = {
         **official,
         "frames": len(ground_truth),
@@ -82,21 +80,21 @@ def submit(
     root: Float[Tensor, "hand 3"] | None = None,
     ids: Int[Tensor, " hand"] | None = None,
 ) -> list[Path]:
-    """Write a test set's predictions as the benchmark's server takes them.
+    """Write a test set's predictions in the format of the benchmark's server.
 
     Args:
         protocol: Name of the benchmark.
-        landmarks: In FreiHAND's order and the camera's frame, metres; left hands mirrored back.
-        vertices: Likewise; none where the hand has another mesh than the benchmark's.
-        folder: Where to.
-        root: Where each wrist is known to be, metres: HO3D gives it.
+        landmarks: FreiHAND's order, camera frame, metres; left hands mirrored back.
+        vertices: Camera frame, metres; none where the hand model has another mesh than the benchmark's.
+        folder: Folder to write into.
+        root: Known position of each wrist, camera frame, metres: HO3D gives it.
         ids: DexYCB's id of each hand; none counts from zero.
 
     Returns:
-        The files.
+        Paths of the written files.
 
     Raises:
-        FileExistsError: One of them is there already.
+        FileExistsError: One of the files exists already.
         ValueError: The protocol is unknown, or a prediction is not finite.
     """
     points = HandPoints(landmarks, vertices)
@@ -105,7 +103,7 @@ def submit(
     return paths
 
 
-def _ours(
+def _in_papers_names(
     official: dict[str, Any], ground_truth: HandPoints, prediction: HandPoints
 ) -> dict[str, float]:
     rows = landmark_scores(ground_truth, prediction).mean(dim=0).tolist()
@@ -131,11 +129,14 @@ def _lines(official: dict[str, Any]) -> list[str]:
 
 
 def _print(
-    official: dict[str, Any], ours: dict[str, float], pair: Pair, findings: tuple[Finding, ...]
+    official: dict[str, Any],
+    in_papers_names: dict[str, float],
+    pair: Pair,
+    findings: tuple[Finding, ...],
 ) -> None:
     lines = _lines(official)
     lines.append("In the paper's names, errors in mm")
-    lines += [f"  {name}: {value:.3f}" for name, value in ours.items()]
+    lines += [f"  {name}: {value:.3f}" for name, value in in_papers_names.items()]
     lines += [f"Remark: {remark}" for remark in pair.remarks]
     for finding in findings:
         kind = "Note" if finding.confidence == "note" else f"Mistake ({finding.confidence})"

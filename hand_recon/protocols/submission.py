@@ -1,8 +1,8 @@
-"""Writes files of predictions as the benchmarks take them (Sec. 4.1).
+"""Writers of prediction files in the benchmarks' formats (Sec. 4.1).
 
 Coordinates are rounded to keep the files small: FreiHAND's to 0.01 mm, HO3D's to 0.1 mm, DexYCB's to 0.01 mm.
 For predictions with errors of millimetres this changes a mean error by less than 0.01 mm, which
-`tests/protocols/test_submission.py` checks; a perfect prediction would get an error of the rounding itself.
+`tests/protocols/test_submission.py` checks; a perfect prediction gets an error of the rounding itself.
 """
 
 import json
@@ -22,10 +22,10 @@ from hand_recon.evaluation.scores import HandPoints
 from hand_recon.protocols.benchmarks import Protocol
 
 FRAMES: Final = 64
-"""Frames that are text at a time."""
+"""Frames converted to text at a time."""
 
 TEXT: Final = "predictions.txt"
-"""Name of DexYCB's file, which its toolkit leaves free."""
+"""File name of DexYCB's text; its toolkit prescribes none."""
 
 
 def write_submission(
@@ -36,40 +36,40 @@ def write_submission(
     root: Float[Tensor, "hand 3"] | None = None,
     ids: Int[Tensor, " hand"] | None = None,
 ) -> list[Path]:
-    """Write what the benchmark's server takes.
+    """Write predictions in the format of the benchmark's server.
 
     Args:
-        protocol: The benchmark.
-        prediction: In FreiHAND's order and the camera's frame, metres; left hands as left hands. Without
-            vertices, the wrist stands in for each surface.
-        folder: Where to; it is made.
-        root: Where each wrist goes, camera frame, metres: HO3D gives it for its test hands. None leaves the
-            hands where they were predicted.
+        protocol: Benchmark.
+        prediction: FreiHAND's order, camera frame, metres; left hands not mirrored. Without vertices, the
+            wrist is written in place of each surface.
+        folder: Folder to write into; it is created.
+        root: Position of each wrist, camera frame, metres: HO3D gives it for its test hands. None keeps
+            the predicted positions.
         ids: DexYCB's id of each hand; none counts from zero.
 
     Returns:
-        `pred.json` and `pred.zip`, or DexYCB's `predictions.txt`.
+        Paths of `pred.json` and `pred.zip`, or of DexYCB's `predictions.txt`.
 
     Raises:
-        FileExistsError: One of them is there already.
-        ValueError: A prediction is not finite, or has the wrong count.
+        FileExistsError: One of the files exists already.
+        ValueError: A prediction is not finite, or there are more or fewer ids than hands.
     """
-    names = [TEXT] if protocol.unit == "mm" else ["pred.json", "pred.zip"]
+    names = [TEXT] if protocol.is_text else ["pred.json", "pred.zip"]
     paths = [folder / name for name in names]
     for path in paths:
         if path.exists():
             raise FileExistsError(
-                f"{path} exists, and nothing is overwritten; choose another folder or remove it."
+                f"{path} exists and is not overwritten; choose another folder or remove it."
             )
     _check(prediction, ids)
     points = protocol.from_internal(rooted(prediction, root).double())
     folder.mkdir(parents=True, exist_ok=True)
-    if protocol.unit == "mm":
+    if protocol.is_text:
         _write_text(paths[0], points, ids, protocol.decimals)
         return paths
     with paths[0].open("x", encoding="ascii") as stream:
         stream.writelines(_json_parts(points, protocol.decimals))
-    # At the lowest level: a gigabyte of digits is not worth minutes.
+    # The lowest compression level: higher ones take minutes for a gigabyte of digits.
     with zipfile.ZipFile(paths[1], "x", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.write(paths[0], "pred.json")
     return paths
@@ -87,25 +87,27 @@ def _check(prediction: HandPoints, ids: Tensor | None) -> None:
 
 
 def rooted(points: HandPoints, root: Float[Tensor, "hand 3"] | None) -> HandPoints:
-    """Hands with each wrist where it is told to be.
+    """Translate hands so that their wrists are at given positions.
 
     Args:
-        points: Camera frame, metres.
-        root: The wrists, metres; none leaves the hands where they are.
+        points: Hands, camera frame, metres.
+        root: Position of each wrist, camera frame, metres; none returns the hands unchanged.
     """
     if root is None:
         return points
-    shift = (root.to(points.landmarks) - points.landmarks[:, WRIST])[:, None]
-    vertices = None if points.vertices is None else points.vertices + shift.to(points.vertices)
-    return HandPoints(points.landmarks + shift, vertices)
+    translation = (root.to(points.landmarks) - points.landmarks[:, WRIST])[:, None]
+    vertices = (
+        None if points.vertices is None else points.vertices + translation.to(points.vertices)
+    )
+    return HandPoints(points.landmarks + translation, vertices)
 
 
 def _json_parts(points: HandPoints, decimals: int) -> Iterator[str]:
-    """`[landmarks, vertices]` piece by piece: as a whole, HO3D's would take ten gigabytes."""
+    """`[landmarks, vertices]` as JSON in pieces: HO3D's as a whole would take ten gigabytes of memory."""
     yield "["
     yield from _list_parts(points.landmarks, decimals)
     yield ", "
-    # FreiHAND's script looks into the second list at every frame; one point is no surface to it (−1).
+    # FreiHAND's script indexes the second list at every frame; it scores one point as no surface (−1).
     surface = points.landmarks[:, :1] if points.vertices is None else points.vertices
     yield from _list_parts(surface, decimals)
     yield "]"
@@ -115,7 +117,7 @@ def _list_parts(points: Tensor, decimals: int) -> Iterator[str]:
     yield "["
     for start in range(0, len(points), FRAMES):
         part = np.round(points[start : start + FRAMES].numpy(), decimals).tolist()
-        # Without the brackets of the piece.
+        # Drop the brackets of the piece.
         yield (", " if start else "") + json.dumps(part, separators=(",", ":"))[1:-1]
     yield "]"
 
