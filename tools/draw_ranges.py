@@ -24,8 +24,8 @@ from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.unnatural import KINDS, sample_unnatural_pose
 from hand_recon.evaluation.plausibility import ROM_TOLERANCE, range_violation
 from hand_recon.hand.skeleton import ARTICULATED, AXES
-from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import VARIANTS, FunctionalAnatomy
+from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
@@ -149,7 +149,7 @@ def print_rules(poses: Tensor) -> None:
         for variant in VARIANTS:
             for label, rules in RULES.items():
                 ranges = replace(rules, variant=variant).refine(load_ranges(name), poses)
-                loss = RANGE_OF_MOTION_WEIGHT * pose_loss(poses, ranges).mean()
+                loss = RANGE_OF_MOTION_WEIGHT * range_of_motion_loss(poses, ranges).mean()
                 _print_row(name, variant, label, *_summary(poses, ranges), f"{loss:.0f}")
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.camera import project, six_d_to_rotation
+from hand_recon.fitting.adam import Adam
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
 from hand_recon.hand.model import HandModel
@@ -72,16 +73,10 @@ class _Unknowns:
         self.values = {name: value[rows] for name, value in self.values.items()}
         self._require_gradients()
 
-    def optimizer(self, learning_rate: float) -> torch.optim.Optimizer:
+    def optimizer(self) -> Adam:
         """Adam over all numbers; the translation has 0.6 of the learning rate."""
-        translation = {"origin", "log_depth"}
-        fast = [value for name, value in self.values.items() if name not in translation]
-        slow = [value for name, value in self.values.items() if name in translation]
-        groups = [
-            {"params": fast, "lr": learning_rate, "share": 1.0},
-            {"params": slow, "lr": learning_rate, "share": 0.6},
-        ]
-        return torch.optim.Adam(groups, betas=(0.9, 0.99))
+        shares = [0.6 if name in ("origin", "log_depth") else 1.0 for name in self.values]
+        return Adam(list(self.values.values()), shares, betas=(0.9, 0.99))
 
     def parameters(self, intrinsics: Float[Tensor, "hand 3 3"]) -> HandParameters:
         """The parameters of the hands, for cameras with these matrices."""
@@ -245,7 +240,7 @@ def _descend(
     steps: range,
 ) -> None:
     """Take some of the steps of a descent; changes the unknowns."""
-    optimizer = unknowns.optimizer(descent.learning_rate)
+    optimizer = unknowns.optimizer()
     sigma = observation.log_sigma().exp()
     for step in steps:
         # A stage that begins with the size of the residuals gets the given σ in their stead.
@@ -253,10 +248,7 @@ def _descend(
         objective.data_term.begin(step=step, epoch=0, total_steps=descent.steps)
         parameters = unknowns.parameters(observation.intrinsics)
         loss = objective(parameters, observation).loss["total"]
-        optimizer.zero_grad(set_to_none=True)
         # Hands share no parameter: the gradient of the sum is that of each hand's own loss.
-        loss.sum().backward()
+        gradients = torch.autograd.grad(loss.sum(), optimizer.values)
         cosine = 0.5 * (1 + math.cos(math.pi * step / descent.steps))
-        for group in optimizer.param_groups:
-            group["lr"] = descent.learning_rate * group["share"] * cosine
-        optimizer.step()
+        optimizer.step(gradients, descent.learning_rate * cosine)

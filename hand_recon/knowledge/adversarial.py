@@ -1,11 +1,11 @@
-"""A prior learnt from 3D data: a discriminator tells predicted hands from real ones (Sec. 5, Table 3 (a)).
+"""Adversarial prior learnt from 3D data: real hands against predicted ones (Sec. 5, Table 3 (a)).
 
-To compare knowledge from books with. As in HMR (Kanazawa et al., CVPR 2018), whom the paper follows there,
-several small judges look at parts of a hand: one at each joint's rotation, one at all joints together and one
-at the shape. They learn by least squares (Mao et al., ICCV 2017): 1 for real, 0 for predicted.
+It is here to compare generic knowledge with. As in HMR (Kanazawa et al., CVPR 2018), which the paper follows
+there, the discriminator has several small outputs: one for each joint's rotation, one for all joints together
+and one for the shape. They are trained by least squares (Mao et al., ICCV 2017): 1 for real, 0 for predicted.
 
-The discriminator's weights never ask for a gradient except in its own step, so the loss of a network that is
-judged flows through them into pose and shape alone, whatever optimizer, accumulation or number of processes.
+The discriminator's weights require a gradient only in its own step. The generator loss therefore flows
+through them into pose and shape alone, whatever the optimizer, accumulation or number of processes.
 """
 
 import zlib
@@ -17,32 +17,35 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from hand_recon.hand.anatomical_frame import angles_to_rotation
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.terms import Term
 from hand_recon.schema import HandParameters
 
 JOINTS: Final = 15
 DIRECTIONS: Final = 10
 
-JUDGES: Final = JOINTS + 2
-"""One per joint, one for the pose, one for the shape."""
+OUTPUTS: Final = JOINTS + 2
+"""Outputs of the discriminator: one per joint, one for the pose, one for the shape."""
 
 
 @runtime_checkable
 class RealHands(Protocol):
-    """Where real hands come from: any datamodule that knows the pose and shape of its training hands."""
+    """Source of real hands: a datamodule that knows the pose and shape of its training hands."""
 
     name: str
+    """Name for messages."""
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
-        """At most so many of them; none where the data have no 3D."""
+        """Pose and shape of at most `limit` training hands; none if the data have no 3D."""
         ...
 
 
 class Discriminator(nn.Module):
-    """Judges a hand's joint angles and shape, part by part.
+    """Tells real joint angles and shapes from predicted ones, part by part.
 
     Args:
-        embedding: Features of a joint's rotation, made by one network for all joints.
-        width: Of the layers that look at all joints together.
+        embedding: Number of features of a joint's rotation, from one network shared by all joints.
+        width: Size of the layers over all joints together.
     """
 
     def __init__(self, *, embedding: int = 32, width: int = 256) -> None:
@@ -50,7 +53,7 @@ class Discriminator(nn.Module):
         self.embed = nn.Sequential(
             nn.Linear(9, embedding), nn.ReLU(), nn.Linear(embedding, embedding), nn.ReLU()
         )
-        # Each joint has a judge of its own over the features that all share.
+        # The features are shared; each joint has an output layer of its own.
         self.joint_weight = nn.Parameter(torch.randn(JOINTS, embedding) / embedding**0.5)
         self.joint_bias = nn.Parameter(torch.zeros(JOINTS))
         self.pose = nn.Sequential(
@@ -66,44 +69,48 @@ class Discriminator(nn.Module):
         self,
         joint_angles: Float[Tensor, "*batch joint=15 axis=3"],
         shape: Float[Tensor, "*batch direction=10"],
-    ) -> Float[Tensor, "*batch judge=17"]:
-        """About 1 for what looks real and about 0 for what does not: joints, then pose, then shape.
+    ) -> Float[Tensor, "*batch output=17"]:
+        """D of every part, about 1 for real and 0 for predicted: joints, then pose, then shape.
 
         Args:
-            joint_angles: Bend, splay and twist, radians. Judged as rotations, which have no seam.
-            shape: Standard deviations.
+            joint_angles: Bend, splay and twist, radians. They enter as rotation matrices, continuous at ±π.
+            shape: Coefficients of the shape directions, standard deviations.
         """
         features = self.embed(angles_to_rotation(joint_angles).flatten(-2))
         joints = (features * self.joint_weight).sum(dim=-1) + self.joint_bias
         return torch.cat([joints, self.pose(features.flatten(-2)), self.shape(shape)], dim=-1)
 
 
-def judged_loss(judgement: Float[Tensor, "*batch judge=17"]) -> Float[Tensor, "*batch"]:
-    """What a hand costs whoever predicted it: every judge's squared distance from 1, summed."""
-    return (judgement - 1).square().sum(dim=-1)
-
-
-def judges_loss(
-    real: Float[Tensor, "*real judge=17"], predicted: Float[Tensor, "*batch judge=17"]
-) -> Float[Tensor, ""]:
-    """What the discriminator pays: real hands' distance from 1 and predicted ones' from 0, squared.
+def generator_loss(scores: Float[Tensor, "*batch output=17"]) -> Float[Tensor, "*batch"]:
+    """Loss of predicted hands, Σ(D − 1)² over the outputs.
 
     Args:
-        real: Judgements of real hands.
-        predicted: Of predicted ones, perhaps of another number.
+        scores: D of predicted hands.
+    """
+    return (scores - 1).square().sum(dim=-1)
+
+
+def discriminator_loss(
+    real: Float[Tensor, "*real output=17"], predicted: Float[Tensor, "*batch output=17"]
+) -> Float[Tensor, ""]:
+    """Discriminator loss: mean over real hands of Σ(D − 1)², plus mean over predicted hands of Σ D².
+
+    Args:
+        real: D of real hands.
+        predicted: D of predicted hands; their number may differ.
     """
     return (real - 1).square().sum(dim=-1).mean() + predicted.square().sum(dim=-1).mean()
 
 
 class Adversary(nn.Module):
-    """A discriminator that learns beside the network that it judges.
+    """A discriminator that is trained beside the regressor.
 
-    Its weights, its optimizer's state and the number of its steps are all in its `state_dict`, so that a run
-    goes on where it stopped. The real hands are not: they belong to whoever has the data.
+    Its weights, its optimizer's state and its number of steps are in its `state_dict`, so that a resumed run
+    continues exactly. The real hands are not, because their data may be licensed.
 
     Args:
-        real: Whose hands are the real ones, if not the training data's own.
-        learning_rate: Of its Adam. HMR has 1e-4 beside a network at 1e-5.
+        real: Source of the real hands; none for the training data's own.
+        learning_rate: Learning rate of its Adam. HMR has 1e-4 beside a network at 1e-5.
     """
 
     def __init__(self, real: RealHands | None = None, *, learning_rate: float = 1e-3) -> None:
@@ -117,49 +124,47 @@ class Adversary(nn.Module):
         self._saved: dict[str, Any] = {}
 
     def forward(self, parameters: HandParameters) -> Float[Tensor, "*batch"]:
-        """What each hand costs; the gradient reaches pose and shape alone.
+        """Generator loss of each hand; its gradient reaches pose and shape alone.
 
         Raises:
-            ValueError: The discriminator has never seen a hand.
+            ValueError: The discriminator is untrained and has no real hands.
         """
         if self._real is None and self._steps == 0:
             raise ValueError(
-                "prior=adversarial judges by what it learns while a network is trained beside it, and this "
-                "one has seen no hand. Use it with `python -m hand_recon.train`, and another prior here."
+                "prior=adversarial is a discriminator that is trained beside a regressor, and this one has "
+                "seen no hand. Use it with `python -m hand_recon.train`, and another prior here."
             )
-        return judged_loss(self._judge(parameters))
+        return generator_loss(self._scores(parameters))
 
-    def meet(self, real: HandParameters) -> None:
-        """Remember the real hands.
+    def set_real_hands(self, real: HandParameters) -> None:
+        """Set the real hands that the discriminator is trained with.
 
         Args:
-            real: Of which pose and shape are looked at.
+            real: Hands of which pose and shape are used.
         """
         self._real = real.to(self.discriminator.joint_bias)
 
     def learn(self, predicted: HandParameters) -> Float[Tensor, ""]:
-        """One step of the discriminator on predicted hands and as many real ones.
+        """One optimizer step of the discriminator on predicted hands and as many real ones.
 
         Args:
-            predicted: By the network that is judged; it gets no gradient.
+            predicted: Hands predicted by the regressor, which gets no gradient.
 
         Returns:
-            The loss before the step.
+            The discriminator loss before the step.
 
         Raises:
             ValueError: There are no real hands.
         """
         if self._real is None:
-            raise ValueError("There are no real hands to learn from: call `meet` first.")
-        optimizer = self._ready()
+            raise ValueError("There are no real hands to learn from: call `set_real_hands` first.")
+        optimizer = self._get_optimizer()
         weights = tuple(self.discriminator.parameters())
-        known = len(self._real.shape)
-        real = self._real.select(
-            self._places(known, len(predicted.shape)).to(self._real.shape.device)
-        )
+        index = self._real_index(len(self._real.shape), len(predicted.shape))
+        real = self._real.select(index.to(self._real.shape.device))
         self.discriminator.requires_grad_(True)
         try:
-            loss = judges_loss(self._judge(real), self._judge(predicted.detach()))
+            loss = discriminator_loss(self._scores(real), self._scores(predicted.detach()))
             gradients = torch.autograd.grad(loss, weights)
         finally:
             self.discriminator.requires_grad_(False)
@@ -171,21 +176,21 @@ class Adversary(nn.Module):
         return loss.detach()
 
     def get_extra_state(self) -> dict[str, Any]:
-        """What a checkpoint keeps beside the weights."""
+        """Number of steps and optimizer state, for a checkpoint."""
         optimizer = self._saved if self._optimizer is None else self._optimizer.state_dict()
         return {"steps": self._steps, "optimizer": optimizer}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Go on from there with the next step."""
+        """Restore what `get_extra_state` returned."""
         self._steps, self._saved = state["steps"], state["optimizer"]
         self._optimizer = None
 
-    def _judge(self, parameters: HandParameters) -> Tensor:
+    def _scores(self, parameters: HandParameters) -> Tensor:
         kind = self.discriminator.joint_bias
         return self.discriminator(parameters.joint_angles.to(kind), parameters.shape.to(kind))
 
-    def _ready(self) -> torch.optim.Optimizer:
-        """The optimizer, made with the first step: only then the weights are on their device."""
+    def _get_optimizer(self) -> torch.optim.Optimizer:
+        """The optimizer, created at the first step, when the weights are on their device."""
         if self._optimizer is None:
             weights = self.discriminator.parameters()
             self._optimizer = torch.optim.Adam(weights, lr=self.learning_rate)
@@ -193,16 +198,44 @@ class Adversary(nn.Module):
                 self._optimizer.load_state_dict(self._saved)
         return self._optimizer
 
-    def _places(self, known: int, count: int) -> Tensor:
-        """Which real hands: by step and process, so that a resumed run sees the same ones."""
+    def _real_index(self, known: int, count: int) -> Tensor:
+        """Indices of a step's real hands, seeded by step and process so that a resumed run draws the same."""
         rank = torch.distributed.get_rank() if torch.distributed.is_initialized() else 0
         seed = zlib.crc32(repr((rank, self._steps)).encode())
         generator = torch.Generator().manual_seed(seed)
         return torch.randint(known, (count,), generator=generator)
 
 
+class AdversarialTerm(Term):
+    """Generator loss as a term of the prior, with its weight (`prior=adversarial`).
+
+    Args:
+        hand: The hand model.
+        weight: Factor of the generator loss.
+        real: Source of the real hands; none for the training data's own.
+        learning_rate: Learning rate of the discriminator.
+    """
+
+    def __init__(
+        self,
+        hand: HandModel,
+        *,
+        weight: float,
+        real: RealHands | None = None,
+        learning_rate: float = 1e-3,
+    ) -> None:
+        super().__init__(hand, weight=weight)
+        self.adversary = Adversary(real, learning_rate=learning_rate)
+
+    def forward(
+        self, parameters: HandParameters, vertices: Float[Tensor, "*batch vertex 3"] | None
+    ) -> Float[Tensor, "*batch"]:
+        """Generator loss, without unit."""
+        return self.adversary(parameters)
+
+
 def _averaged(gradient: Tensor) -> Tensor:
-    """The mean over all processes, which so keep the same weights."""
+    """The mean over all processes, which keeps their weights equal."""
     if torch.distributed.is_initialized():
         torch.distributed.all_reduce(gradient)
         gradient /= torch.distributed.get_world_size()

@@ -1,7 +1,7 @@
-"""A peer's prior: the distance to the mean pose, measured by how natural poses vary.
+"""A prior of other work: squared Mahalanobis distance of a pose from the mean of 3D poses.
 
 Boukhayma et al. (CVPR 2019) and those after them keep a pose near the mean of MANO's 3D scans in the space of
-its PCA. It is here to compare knowledge from books with knowledge from 3D data, and no default uses it. Its
+its PCA. It is here to compare generic knowledge with knowledge from 3D data, and no default uses it. Its
 data are the training gestures of the synthetic hands (`tools/build_pose_components.py`).
 """
 
@@ -13,12 +13,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.terms import Term
+from hand_recon.schema import HandParameters
+
 TABLE: Final = "tables/pose_components.npz"
-"""`mean` (45) and `components` (45 × 45, one per row, by decreasing spread), radians, and `deviations`."""
+"""`mean` (45) and `deviations` (45), radians; `components` (45 × 45), one per row, by falling deviation."""
 
 
 class PoseComponents(nn.Module):
-    """The squared Mahalanobis distance of a pose from the mean pose.
+    """Squared Mahalanobis distance of a pose from the mean pose.
 
     Raises:
         FileNotFoundError: The table is not beside this module.
@@ -52,3 +56,17 @@ class PoseComponents(nn.Module):
         from_mean = joint_angles.flatten(-2) - self.mean.to(joint_angles)
         coefficients = from_mean @ self.whitening.to(joint_angles).mT
         return coefficients.square().sum(dim=-1)
+
+
+class PoseComponentsTerm(Term):
+    """The distance to the mean pose as a term of the prior, with its weight (`prior=pca_mean`)."""
+
+    def __init__(self, hand: HandModel, *, weight: float) -> None:
+        super().__init__(hand, weight=weight)
+        self.components = PoseComponents()
+
+    def forward(
+        self, parameters: HandParameters, vertices: Float[Tensor, "*batch vertex 3"] | None
+    ) -> Float[Tensor, "*batch"]:
+        """Squared standard deviations."""
+        return self.components(parameters.joint_angles)

@@ -1,4 +1,4 @@
-"""What the regressor asks of every encoder (Sec. 4.1)."""
+"""Interface of the encoders: a batch in, features out (Sec. 4.1)."""
 
 from abc import ABC, abstractmethod
 
@@ -9,13 +9,13 @@ from hand_recon.schema import HandBatch
 
 
 class Encoder(nn.Module, ABC):
-    """What the regressor asks of every encoder."""
+    """Base class of encoders."""
 
     feature_size: int
     """Number of features."""
 
     def shown(self, batch: HandBatch) -> HandBatch:
-        """The batch as the network may see it."""
+        """The batch as the network sees it; an encoder may leave out some of its input in training."""
         return batch
 
     @abstractmethod

@@ -1,1 +1,1 @@
-"""The LightningModule, 3D supervision to compare with, and learning-rate schedules (Sec. 3.4)."""
+"""The LightningModule, learning-rate schedules, and 3D supervision for comparison (Sec. 3.4)."""

@@ -1,7 +1,6 @@
-"""Training: the data term and the prior over a regressor (Sec. 3.4)."""
+"""The LightningModule that trains a regressor with the data term and the prior (Sec. 3.4)."""
 
 import logging
-import math
 from collections.abc import Callable, Iterable
 from typing import Final
 
@@ -14,6 +13,7 @@ from torch import Tensor, nn
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.hand_scores import Scores
+from hand_recon.knowledge.adversarial import AdversarialTerm, Adversary
 from hand_recon.knowledge.prior import Prior
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import HandBatch, HandPrediction
@@ -23,34 +23,13 @@ from hand_recon.uncertainty import DataTerm
 logger = logging.getLogger(__name__)
 
 STAGE_LEFT: Final = 1e6
-"""What a stage that is still to come adds to the number by which the best checkpoint is chosen."""
+"""Added to `val/selection`, which chooses the best checkpoint, per stage of the data term still to come."""
 
 REAL_HANDS: Final = 50_000
-"""At most so many hands are shown to a prior that learns from 3D: 11 MB, and more than FreiHAND has."""
+"""Most real hands that the discriminator is trained with: 11 MB, and more than FreiHAND has."""
 
 OptimizerFactory = Callable[[Iterable[nn.Parameter]], torch.optim.Optimizer]
 SchedulerFactory = Callable[..., torch.optim.lr_scheduler.LRScheduler]
-
-
-def warmup_cosine(
-    optimizer: torch.optim.Optimizer, total_steps: int, warmup_steps: int = 100
-) -> torch.optim.lr_scheduler.LambdaLR:
-    """A rate that rises linearly, then falls as a cosine to zero at the end.
-
-    The rise is counted in steps, not as a share of the run: a run of few steps must not throw the hand
-    out of the picture with its first ones.
-
-    Args:
-        optimizer: Its rates are the highest that are reached.
-        total_steps: Steps of the run.
-        warmup_steps: Steps of the rise.
-    """
-
-    def factor(step: int) -> float:
-        rise = min(1.0, (step + 1) / warmup_steps)
-        return rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / total_steps)))
-
-    return torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
 
 
 class HandReconstruction(lightning.LightningModule):
@@ -58,12 +37,12 @@ class HandReconstruction(lightning.LightningModule):
 
     Args:
         regressor: Crop → hand.
-        prior: Knowledge, every term by name.
+        prior: The weighted terms of the prior.
         data_term: Residuals of the projected landmarks → one value per hand, perhaps in stages.
-        scores: What is measured of validation and test hands.
+        scores: Makes the metrics of validation and test hands.
         optimizer: Makes the optimizer from the parameters.
         scheduler: Makes a learning-rate schedule from the optimizer and `total_steps`; none keeps the
-            rate, as the paper does.
+            learning rate, as the paper does.
         supervision: 3D labels for some hands; none for the paper's own setting.
     """
 
@@ -88,6 +67,12 @@ class HandReconstruction(lightning.LightningModule):
         self.validation = scores()
         self.test = scores()
 
+    @property
+    def adversary(self) -> Adversary | None:
+        """The discriminator, where the prior has an adversarial term (Table 3a)."""
+        terms = self.prior.terms.values()
+        return next((term.adversary for term in terms if isinstance(term, AdversarialTerm)), None)
+
     def forward(self, batch: HandBatch) -> HandPrediction:
         """Reconstruct every hand of a batch."""
         prediction: HandPrediction = self.regressor(batch)
@@ -95,7 +80,7 @@ class HandReconstruction(lightning.LightningModule):
 
     def losses(self, batch: HandBatch, prediction: HandPrediction) -> dict[str, Tensor]:
         """Every term as a mean over the batch: raw under its name, weighted under `weighted/`."""
-        # Mixed precision is for the backbone alone: half a pixel of 200 is lost in bfloat16.
+        # Mixed precision is for the backbone alone: bfloat16 rounds 200 pixels to the nearest whole one.
         with torch.autocast(self.device.type, enabled=False):
             return self._losses(batch, prediction)
 
@@ -106,9 +91,10 @@ class HandReconstruction(lightning.LightningModule):
             batch.labelled,
             prediction.correlation,
         ).mean()
-        raw = {name: value.mean() for name, value in self.prior(prediction).items()}
+        terms = self.prior(prediction.parameters, prediction.vertices)
+        raw = {name: value.mean() for name, value in terms.items()}
         weighted = self.prior.weighted(raw)
-        # A mixture that learns from 3D labels may be validated on a part that has none.
+        # A mixture trained with 3D labels may be validated on a part that has none.
         if self.supervision is not None and (self.training or batch.landmarks_3d is not None):
             raw["landmarks_3d"] = self.supervision(batch, prediction).mean()
             weighted["landmarks_3d"] = self.supervision.weight * raw["landmarks_3d"]
@@ -118,12 +104,12 @@ class HandReconstruction(lightning.LightningModule):
         }
 
     def on_fit_start(self) -> None:
-        """Show real hands to a prior that learns from them (Table 3a).
+        """Give real hands to the discriminator, where the prior has one (Table 3a).
 
         Raises:
             ValueError: The data do not know any hand's pose and shape.
         """
-        adversary = self.prior.adversary
+        adversary = self.adversary
         if adversary is None:
             return
         datamodule: HandDataModule | None = getattr(self.trainer, "datamodule", None)
@@ -134,10 +120,10 @@ class HandReconstruction(lightning.LightningModule):
                 f"prior=adversarial learns from the pose and shape of real hands in 3D, and "
                 f"{'there is no datamodule' if source is None else f'{source.name} has none'}. Use data that "
                 "know them, such as synthetic hands or FreiHAND; name other data whose hands are the real "
-                "ones as prior.adversary.real (conf/experiment/table3a_adversarial.yaml does); or use "
+                "ones as prior.adversarial.real (conf/experiment/table3a_adversarial.yaml does); or use "
                 "prior=full, which needs no 3D."
             )
-        adversary.meet(real)
+        adversary.set_real_hands(real)
 
     def training_step(self, batch: HandBatch, batch_index: int) -> Tensor:
         """One step of Sec. 3.4.
@@ -150,7 +136,7 @@ class HandReconstruction(lightning.LightningModule):
             self._start_sigma_at_the_residual(prediction)
             prediction = self(batch)
         self.data_term.observe(reference_residual(batch, prediction), batch.labelled)
-        # Before it judges: between a judgement and its gradient, the judge's weights may not change.
+        # Before the losses: between a generator loss and its gradient, the weights of D must not change.
         learnt = self._train_adversary(prediction)
         losses = self.losses(batch, prediction) | learnt
         self._refuse_non_finite(losses, batch)
@@ -158,14 +144,15 @@ class HandReconstruction(lightning.LightningModule):
         return losses["loss"]
 
     def _train_adversary(self, prediction: HandPrediction) -> dict[str, Tensor]:
-        """A step of the discriminator, where there is one."""
-        if self.prior.adversary is None:
+        """One step of the discriminator, where there is one; its loss by name."""
+        adversary = self.adversary
+        if adversary is None:
             return {}
         with torch.autocast(self.device.type, enabled=False):
-            return {"discriminator": self.prior.adversary.learn(prediction.parameters)}
+            return {"discriminator": adversary.learn(prediction.parameters)}
 
     def _stage_begins(self) -> bool:
-        """Whether the data term goes to its second stage with this step (Sec. 4.1: MSE, then NLL)."""
+        """Start the data term's second stage if it is due (Sec. 4.1: MSE, then NLL); true if it starts."""
         trainer = self._trainer
         if trainer is None or self.data_term.stage == self.data_term.stages - 1:
             return False
@@ -176,7 +163,7 @@ class HandReconstruction(lightning.LightningModule):
         )
 
     def _start_sigma_at_the_residual(self, prediction: HandPrediction) -> None:
-        """Start σ at the running residual, so that the gradient on the means changes by one factor alone."""
+        """Shift log σ to the running residual, so that the switch scales the gradient of the means only."""
         start = self.data_term.running_log_sigma()
         self.regressor.shift_log_sigma(start - prediction.log_sigma.detach().mean(dim=0))
         logger.info(
@@ -187,28 +174,28 @@ class HandReconstruction(lightning.LightningModule):
         )
 
     def validation_step(self, batch: HandBatch, batch_index: int) -> None:
-        """Losses and scores on the validation hands."""
+        """Log losses and update the scores of the validation hands."""
         prediction = self(batch)
         losses = self.losses(batch, prediction)
-        # Losses of two stages do not compare; any checkpoint of the last is taken before one of the first.
+        # Losses of different stages are not comparable: any checkpoint of the last stage is preferred.
         stages_left = self.data_term.stages - 1 - self.data_term.stage
         losses["selection"] = losses["loss"] + STAGE_LEFT * stages_left
-        # Nor do those of two epochs of a discriminator, which has become another judge.
+        # Nor are generator losses of different epochs, since the discriminator has changed between them.
         losses["selection"] = losses["selection"] - losses.get("weighted/adversarial", 0.0)
         self._log("val", losses, len(batch))
         self.validation.update(batch, prediction)
 
     def on_validation_epoch_end(self) -> None:
-        """Log the scores, and forget the hands they came from."""
+        """Log the validation scores and reset them."""
         self.log_dict({f"val/{name}": value for name, value in self.validation.compute().items()})
         self.validation.reset()
 
     def test_step(self, batch: HandBatch, batch_index: int) -> None:
-        """Scores on the test hands."""
+        """Update the scores of the test hands."""
         self.test.update(batch, self(batch))
 
     def on_test_epoch_end(self) -> None:
-        """Log the scores, and forget the hands they came from."""
+        """Log the test scores and reset them."""
         self.log_dict({f"test/{name}": value for name, value in self.test.compute().items()})
         self.test.reset()
 
@@ -218,7 +205,7 @@ class HandReconstruction(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """The injected optimizer, and the schedule stepped every batch."""
-        # A discriminator's weights are frozen but in its own step, which is not this optimizer's.
+        # A discriminator's weights are frozen here: it has an optimizer of its own.
         learning = (parameter for parameter in self.parameters() if parameter.requires_grad)
         optimizer = self.optimizer(learning)
         if self.scheduler is None:
@@ -231,7 +218,7 @@ class HandReconstruction(lightning.LightningModule):
         }
 
     def _log(self, stage: str, losses: dict[str, Tensor], batch_size: int) -> None:
-        # Lightning averages over an epoch and over devices; the sums stay on the device until then.
+        # Lightning averages over the epoch and over devices; the sums stay on the device until then.
         for name, value in losses.items():
             self.log(
                 f"{stage}/{name}",

@@ -1,8 +1,8 @@
-"""3D labels for some of the pictures, where there are any: Table 3 (b) of the paper's discussion.
+"""3D supervision for a share of the training images, for comparison (Sec. 5, Table 3 (b)).
 
-The method learns without them. To say what they would add, a share of the training pictures gives its 3D
-landmarks away too; which ones is fixed by their place in the dataset: the same in every epoch and run. Of
-a dataset that has several pictures of one hand, more hands than this share have a label somewhere.
+The method itself uses no 3D labels. To measure what they would add, a share of the training images also
+supplies 3D landmarks. An image is chosen by its index in the dataset, so the choice is the same in every
+epoch and run. Where a dataset has several images of one hand, more than this share of its hands have a label.
 """
 
 from typing import Final
@@ -14,25 +14,28 @@ from torch import Tensor, nn
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 from hand_recon.schema import HandBatch, HandPrediction
 
-_SCATTER: Final = 2_654_435_761
-"""Knuth's multiplicative hash: neighbours in a dataset, often frames of one recording, come apart."""
+_HASH_FACTOR: Final = 2_654_435_761
+"""Factor of Knuth's multiplicative hash, which spreads the choice over consecutive frames of a recording."""
 
 
 class Landmarks3D(nn.Module):
-    """Squared 3D error of the landmarks about the hand's root, for a share of the hands.
+    """Squared error of the root-relative 3D landmarks, for a share of the hands.
 
     Args:
-        fraction: Share of the training pictures whose 3D labels are used, 0–1.
-        weight: Per squared metre; 500,000 weighs 10 mm at every landmark as the data term weighs 5 px.
+        fraction: Share of the training images whose 3D labels are used, 0–1.
+        weight: Factor of the loss, per squared metre; with 500,000, 10 mm at every landmark cost as much as
+            5 px do in the data term.
 
     Raises:
-        ValueError: The fraction is no share.
+        ValueError: The fraction is not between 0 and 1.
     """
 
     def __init__(self, fraction: float = 1.0, weight: float = 500_000.0) -> None:
         super().__init__()
         if not 0 <= fraction <= 1:
-            raise ValueError(f"fraction={fraction} is a share of the hands: from 0 to 1.")
+            raise ValueError(
+                f"fraction is a share of the hands, from 0 to 1; found fraction={fraction}."
+            )
         self.fraction = fraction
         self.weight = weight
 
@@ -44,13 +47,13 @@ class Landmarks3D(nn.Module):
         """
         if batch.landmarks_3d is None:
             raise ValueError(
-                "supervision=landmarks_3d needs data with 3D labels, and these have none. "
+                "supervision=landmarks_3d needs data with 3D labels, and these data have none. "
                 "Use supervision=landmarks_2d."
             )
         used = self.chosen(batch.index) & batch.landmarks_3d.isfinite().flatten(1).all(dim=1)
-        truth = _about_root(batch.landmarks_3d)
+        ground_truth = _root_relative(batch.landmarks_3d)
         # Masked before squaring: the gradient of a square at NaN would be NaN even times zero.
-        error = (_about_root(prediction.landmarks_3d) - truth).masked_fill(
+        error = (_root_relative(prediction.landmarks_3d) - ground_truth).masked_fill(
             ~used[:, None, None], 0.0
         )
         return error.square().sum(dim=(-2, -1))
@@ -61,9 +64,9 @@ class Landmarks3D(nn.Module):
         Args:
             index: Positions in the dataset.
         """
-        place = (index.to(torch.int64) * _SCATTER) % 2**32
-        return place < self.fraction * 2**32
+        hashed = (index.to(torch.int64) * _HASH_FACTOR) % 2**32
+        return hashed < self.fraction * 2**32
 
 
-def _about_root(landmarks: Float[Tensor, "batch landmark=21 3"]) -> Tensor:
+def _root_relative(landmarks: Float[Tensor, "batch landmark=21 3"]) -> Tensor:
     return landmarks - landmarks[:, ROOT_LANDMARK, None]

@@ -12,13 +12,12 @@ from hand_recon.data.synthetic.gestures import gesture_library, sample_pose
 from hand_recon.data.synthetic.unnatural import KINDS, sample_unnatural_pose
 from hand_recon.evaluation.plausibility import (
     ROM_TOLERANCE,
-    Penetration,
     Plausibility,
     range_violation,
 )
 from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
+from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 
@@ -79,7 +78,7 @@ def test_a_hand_has_no_violation_exactly_when_it_has_no_pose_loss(ranges: RangeO
     angles[:100] = ranges.clamp(angles[:100])
     free = range_violation(angles, ranges) == 0
     assert 100 <= int(free.sum()) < 200
-    assert torch.equal(free, pose_loss(angles, ranges) == 0)
+    assert torch.equal(free, range_of_motion_loss(angles, ranges) == 0)
 
 
 def test_the_tolerance_is_two_standard_deviations_of_the_sixteen_that_latz_published() -> None:
@@ -105,8 +104,12 @@ def test_without_a_measure_of_depth_there_is_no_penetration_rate(ranges: RangeOf
     assert metric.compute() == pytest.approx({"ROM": 25.0, "ROM_degrees": 7.5}, rel=1e-5)
 
 
-def test_the_loss_of_eq_4_measures_its_depths(hand: HandModel) -> None:
-    assert isinstance(NonPenetration(hand), Penetration)
+def test_the_loss_of_eq_4_measures_the_depths(hand: HandModel, ranges: RangeOfMotion) -> None:
+    """One of three hands has its joints turned about every axis, and penetrates itself."""
+    angles = torch.stack([torch.zeros(15, 3), torch.randn(15, 3), torch.zeros(15, 3)])
+    metric = Plausibility(ranges, NonPenetration(hand))
+    metric.update(angles, hand(angles, torch.zeros(3, 10)).vertices, torch.arange(3))
+    assert metric.compute()["PR"] == pytest.approx(100 / 3)
 
 
 def test_a_hand_that_comes_twice_counts_once_and_batches_do_not_matter(

@@ -9,8 +9,8 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from hand_recon.hand.skeleton import ARTICULATED
-from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import VARIANTS, FunctionalAnatomy
+from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from tests.support.anatomy import NO_RULE, RULES, only, place, pose, round_ranges
 from tests.support.tolerance import BATCH_SHAPES, assert_close
@@ -120,7 +120,7 @@ def test_no_gradient_flows_through_the_bounds(ranges: RangeOfMotion) -> None:
     refined = only("splay_by_bend").refine(ranges, angles)
     assert not refined.lower.requires_grad
     assert not refined.upper.requires_grad
-    pose_loss(angles, refined).backward()
+    range_of_motion_loss(angles, refined).backward()
     assert angles.grad is not None
     # 9 degrees where 10 · (1 − 60/80) = 2.5 are left; the bend that left them is not pulled.
     assert float(angles.grad[place("index MCP", "splay")]) == pytest.approx(2 * math.radians(6.5))
@@ -133,10 +133,10 @@ def test_the_gradient_is_that_of_eq_1_with_the_refined_bounds_held(
 ) -> None:
     angles = torch.randn(2, 15, 3, dtype=torch.float64, requires_grad=True)
     held = FunctionalAnatomy(variant=variant).refine(ranges, angles)
-    assert torch.autograd.gradcheck(lambda moved: pose_loss(moved, held), angles)
-    (expected,) = torch.autograd.grad(pose_loss(angles, held).sum(), angles)
+    assert torch.autograd.gradcheck(lambda moved: range_of_motion_loss(moved, held), angles)
+    (expected,) = torch.autograd.grad(range_of_motion_loss(angles, held).sum(), angles)
     live = FunctionalAnatomy(variant=variant).refine(ranges, angles)
-    (found,) = torch.autograd.grad(pose_loss(angles, live).sum(), angles)
+    (found,) = torch.autograd.grad(range_of_motion_loss(angles, live).sum(), angles)
     assert_close(found, expected)
 
 
@@ -149,7 +149,7 @@ def test_gradients_are_finite_on_the_bounds_at_zero_and_far_outside(
     zero = torch.zeros(15, 3)
     for angles in (bounds.lower, bounds.upper, zero, -zero, bounds.upper + 1e4, bounds.lower - 1e4):
         leaf = angles.clone().requires_grad_()
-        loss = pose_loss(leaf, FunctionalAnatomy(variant=variant).refine(bounds, leaf))
+        loss = range_of_motion_loss(leaf, FunctionalAnatomy(variant=variant).refine(bounds, leaf))
         loss.backward()
         assert leaf.grad is not None
         assert torch.isfinite(loss)

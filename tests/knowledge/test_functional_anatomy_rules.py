@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from hand_recon.knowledge.biomechanics import pose_loss
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from tests.support.anatomy import Degrees, only, place, pose, round_ranges
 
@@ -148,12 +148,12 @@ def test_every_rule_costs_a_pose_that_the_literature_alone_allows(
     rule: str, degrees: Degrees, excess: float
 ) -> None:
     literature, angles = load_ranges("literature"), pose(degrees)
-    assert pose_loss(angles, literature) == 0
-    loss = pose_loss(angles, only(rule).refine(literature, angles))
+    assert range_of_motion_loss(angles, literature) == 0
+    loss = range_of_motion_loss(angles, only(rule).refine(literature, angles))
     assert float(loss) == pytest.approx(math.radians(excess) ** 2, rel=1e-4)
     others = replace(FunctionalAnatomy(), **{rule: False})  # type: ignore[arg-type]
     if rule not in ("splay_by_bend", "bend_by_splay"):  # These two cost the same poses.
-        assert pose_loss(angles, others.refine(literature, angles)) == 0
+        assert range_of_motion_loss(angles, others.refine(literature, angles)) == 0
 
 
 def test_the_two_couplings_of_an_mcp_forbid_the_same_poses(ranges: RangeOfMotion) -> None:
@@ -162,7 +162,7 @@ def test_the_two_couplings_of_an_mcp_forbid_the_same_poses(ranges: RangeOfMotion
     span = ranges.upper[0] - ranges.lower[0]
     angles[:, 0] = ranges.lower[0] + torch.rand(4000, 3, dtype=torch.float64) * span
     costs = [
-        pose_loss(angles, only(rule).refine(ranges, angles))
+        range_of_motion_loss(angles, only(rule).refine(ranges, angles))
         for rule in ("splay_by_bend", "bend_by_splay")
     ]
     assert torch.equal(costs[0] > 1e-12, costs[1] > 1e-12)
@@ -170,5 +170,5 @@ def test_the_two_couplings_of_an_mcp_forbid_the_same_poses(ranges: RangeOfMotion
     # In flexion and ulnar splay, a share too many is 30 degrees of splay but 80 of bend.
     angles = pose({("index MCP", "bend"): 60.0, ("index MCP", "splay"): -15.0})
     for rule, degrees in (("splay_by_bend", 7.5), ("bend_by_splay", 20.0)):
-        cost = pose_loss(angles, only(rule).refine(ranges, angles))
+        cost = range_of_motion_loss(angles, only(rule).refine(ranges, angles))
         assert float(cost) == pytest.approx(math.radians(degrees) ** 2)

@@ -30,9 +30,9 @@ def encoder() -> LandmarkEncoder:
     return LandmarkEncoder(width=32, depth=2).eval()
 
 
-def lifter(hand: HandModel, hidden: float = 0.0) -> Regressor:
+def lifter(hand: HandModel, landmark_dropout: float = 0.0) -> Regressor:
     return Regressor(
-        LandmarkEncoder(width=64, depth=1, hidden=hidden), hand, width=128, dropout=0.0,
+        LandmarkEncoder(width=64, depth=1, landmark_dropout=landmark_dropout), hand, width=128, dropout=0.0,
         activation=True, reprojection=True,
     )  # fmt: skip
 
@@ -78,29 +78,29 @@ def test_the_regressor_does_not_see_a_missing_landmark_either(
     assert first.landmarks_3d.isfinite().all()
 
 
-def test_training_hides_landmarks_and_nothing_else_does(seen: HandBatch) -> None:
+def test_training_drops_landmarks_and_nothing_else_does(seen: HandBatch) -> None:
     many = seen.select(torch.zeros(3000, dtype=torch.int64))
-    encoder = LandmarkEncoder(width=8, hidden=0.15)
+    encoder = LandmarkEncoder(width=8, landmark_dropout=0.15)
     assert encoder.eval().shown(many) is many
-    hidden = encoder.train().shown(many)
-    assert not (hidden.labelled & ~many.labelled).any()
-    lost = many.labelled[0] & ~hidden.labelled
+    shown = encoder.train().shown(many)
+    assert not (shown.labelled & ~many.labelled).any()
+    lost = many.labelled[0] & ~shown.labelled
     share = lost[:, many.labelled[0]].float().mean(dim=1)
     assert float(share.mean()) == pytest.approx(0.15, abs=0.015)
     # From none to twice the share: hands of few landmarks and of all.
     assert (share == 0).any()
     assert float(share.max()) > 0.35
     assert many.labelled.all() == seen.labelled[0].all()
-    assert LandmarkEncoder(width=8, hidden=0.0).train().shown(many) is many
+    assert LandmarkEncoder(width=8, landmark_dropout=0.0).train().shown(many) is many
 
 
-def test_what_training_hides_does_not_reach_the_answer(
+def test_dropped_landmarks_do_not_reach_the_answer(
     hand: HandModel, seen: HandBatch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    network = lifter(hand, hidden=0.5).train()
+    network = lifter(hand, landmark_dropout=0.5).train()
     kept = torch.ones(6, 21, dtype=torch.bool)
     kept[:, 8] = False
-    monkeypatch.setattr(network.encoder, "_not_hidden", lambda labelled: kept)
+    monkeypatch.setattr(network.encoder, "_kept", lambda labelled: kept)
     everything = replace(seen, labelled=torch.ones(6, 21, dtype=torch.bool))
     moved = everything.landmarks_2d.clone()
     moved[:, 8] += 40.0
@@ -138,9 +138,9 @@ def test_a_crop_twice_as_large_has_the_same_features(
     assert_close(encoder(large), encoder(seen))
 
 
-def test_all_hidden_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"hidden=1\.0.*less than 1"):
-        LandmarkEncoder(hidden=1.0)
+def test_dropping_all_landmarks_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"less than 1.*landmark_dropout=1\.0"):
+        LandmarkEncoder(landmark_dropout=1.0)
 
 
 def test_a_model_of_pictures_refuses_landmarks_alone(seen: HandBatch) -> None:

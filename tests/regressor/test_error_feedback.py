@@ -10,7 +10,7 @@ from torchvision import models
 from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
-from hand_recon.regressor.error_feedback import STATE_SIZE, Regressor
+from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.image_encoder import ImageEncoder
 from hand_recon.schema import HandBatch
 from tests.support.tolerance import assert_close
@@ -35,9 +35,17 @@ def regressor(hand: HandModel) -> Regressor:
     return Regressor(encoder, hand, width=64).eval()
 
 
-def test_the_state_has_the_numbers_of_the_design() -> None:
-    """15×3 angles, 6 of the root, 3 of the camera, 10 of shape, 42 log σ."""
-    assert STATE_SIZE == 45 + 6 + 3 + 10 + 42
+@pytest.mark.parametrize(("correlated", "more"), [(False, 0), (True, 21)])
+def test_every_round_answers_with_the_numbers_of_the_design(
+    hand: HandModel, *, correlated: bool, more: int
+) -> None:
+    """15×3 angles, 6 of the root, 3 of the camera, 10 of shape, 42 log σ, and 21 correlations if asked."""
+    encoder = ImageEncoder("mobilenet_v3_small", weights="none", grid=2)
+    regressor = Regressor(encoder, hand, width=64, correlated=correlated)
+    expected = 45 + 6 + 3 + 10 + 42 + more
+    assert regressor.initial_state.shape == (expected,)
+    layers = [layer for layer in regressor.decoders.modules() if isinstance(layer, torch.nn.Linear)]
+    assert layers[-1].out_features == expected
 
 
 def test_it_starts_upright_with_the_palm_to_the_camera_and_fills_the_crop(

@@ -1,4 +1,4 @@
-"""The learning-rate schedule, the losses, the data term's stages, and what a training step refuses."""
+"""The losses, the data term's stages, and what a training step refuses."""
 
 import copy
 from collections.abc import Callable
@@ -15,11 +15,12 @@ from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.image_encoder import ImageEncoder
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.schema import HandBatch
-from hand_recon.training.module import STAGE_LEFT, HandReconstruction, warmup_cosine
+from hand_recon.training.module import STAGE_LEFT, HandReconstruction
 from hand_recon.training.supervision import Landmarks3D
 from hand_recon.uncertainty import (
     DataTerm,
@@ -42,32 +43,14 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
-def rates(total: int, steps: int) -> list[float]:
-    optimizer = torch.optim.SGD([torch.nn.Parameter(torch.zeros(1))], lr=2.0)
-    schedule = warmup_cosine(optimizer, total_steps=total, warmup_steps=10)
-    seen = []
-    for _ in range(steps):
-        seen.append(optimizer.param_groups[0]["lr"])
-        optimizer.step()
-        schedule.step()
-    return seen
-
-
-def test_the_rate_rises_over_its_steps_and_falls_to_zero() -> None:
-    seen = rates(1000, 1001)
-    assert seen[0] == pytest.approx(0.2)
-    assert seen[9] == pytest.approx(2.0, rel=1e-3)
-    assert seen[500] == pytest.approx(1.0)
-    assert seen[1000] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_run_of_two_steps_never_reaches_the_full_rate() -> None:
-    assert max(rates(2, 2)) <= 0.2
-
-
 @pytest.fixture
 def scores(hand: HandModel) -> Callable[[], Scores]:
     return partial(Scores, load_ranges("literature", hand.rest_angles), None)
+
+
+def biomechanics(hand: HandModel) -> Prior:
+    """Row 2 of Table 1."""
+    return Prior({"range_of_motion": RangeOfMotionTerm(hand), "shape": ShapeTerm(hand)})
 
 
 @pytest.fixture
@@ -75,7 +58,7 @@ def module(hand: HandModel, scores: Callable[[], Scores]) -> HandReconstruction:
     encoder = ImageEncoder("mobilenet_v3_small", weights="none")
     return HandReconstruction(
         Regressor(encoder, hand, width=32),
-        Prior(load_ranges("literature", hand.rest_angles), hand),
+        biomechanics(hand),
         SquaredError(),
         scores=scores,
         optimizer=torch.optim.Adam,
@@ -89,13 +72,13 @@ def lifter(
     """Makes a small lifter with a data term."""
 
     def make(data_term: DataTerm, supervision: Landmarks3D | None = None) -> HandReconstruction:
-        encoder = LandmarkEncoder(width=32, depth=1, hidden=0.0)
+        encoder = LandmarkEncoder(width=32, depth=1, landmark_dropout=0.0)
         correlated = data_term.needs_correlation
         # The hand that all tests share may have been put into evaluation mode with another network.
         own = copy.deepcopy(hand).train()
         return HandReconstruction(
             Regressor(encoder, own, width=32, dropout=0.0, correlated=correlated),
-            Prior(load_ranges("literature", hand.rest_angles), hand),
+            biomechanics(hand),
             data_term,
             scores=scores,
             optimizer=partial(torch.optim.Adam, lr=1e-4),
@@ -253,7 +236,7 @@ def test_any_checkpoint_of_the_last_stage_is_taken_before_one_of_the_first(
     assert selection(good)[0] == selection(good)[1]
 
 
-def test_a_loaded_checkpoint_is_judged_by_the_loss_of_its_stage(
+def test_a_loaded_checkpoint_has_the_loss_of_its_stage(
     hand: HandModel, lifter: Callable[..., HandReconstruction]
 ) -> None:
     module = lifter(staged())

@@ -6,12 +6,14 @@ from torch import Tensor
 from hand_recon.knowledge.ranges import RangeOfMotion
 
 
-def pose_loss(
+def range_of_motion_loss(
     joint_angles: Float[Tensor, "*batch joint=15 axis=3"], ranges: RangeOfMotion
 ) -> Float[Tensor, "*batch"]:
-    """Squared violation of the ranges, summed over joints and axes.
+    """Squared violation of the ranges, summed over joints and axes: L_pose of Eq. 1.
 
-    Zero, with zero gradient, for every pose inside the ranges.
+    Zero, with zero gradient, for every pose inside the ranges. The paper calls the loss L_pose and this
+    source of knowledge biomechanics (row 2 of Table 1); in configurations, logs and code it is
+    `range_of_motion`. `prior=biomechanics` is the row of the table, and the metric `ROM` is a share of hands.
 
     Args:
         joint_angles: Bend, splay and twist of each joint, radians.
