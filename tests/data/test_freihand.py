@@ -229,9 +229,10 @@ def test_vertices_that_cannot_be_compared_are_left_out_aloud(
 
 
 def test_mano_surfaces_are_for_the_mano_hand(folder: Folder) -> None:
-    write_vertices(folder, 778, mano=True)
-    data = FreiHand("test", FreiHandRecipe(folder.root, FULL, topology="mano"))
-    assert data[0].vertices is not None
+    vertices = write_vertices(folder, 778, mano=True)
+    sample = FreiHand("test", FreiHandRecipe(folder.root, FULL, topology="mano"))[0]
+    assert sample.vertices is not None
+    np.testing.assert_allclose(sample.vertices, vertices[image_number(sample.source)], atol=1e-6)
 
 
 def test_a_choice_that_does_not_exist_is_refused(folder: Folder) -> None:

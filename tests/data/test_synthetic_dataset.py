@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from hand_recon.data.synthetic import image_store as picture_store
+from hand_recon.data.synthetic import image_store
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import SyntheticHand, synthetic_hand
@@ -68,7 +68,7 @@ def test_samples_stack_into_a_batch(training_set: SyntheticHands) -> None:
 def test_the_number_of_workers_does_not_change_a_byte(
     training_set: SyntheticHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture_store, "CHUNK", 3)
+    monkeypatch.setattr(image_store, "CHUNK", 3)
     parallel = hands(tmp_path, workers=2)
     assert (parallel.images == training_set.images).all()
     assert torch.equal(parallel.landmarks_3d, training_set.landmarks_3d)
@@ -77,7 +77,7 @@ def test_the_number_of_workers_does_not_change_a_byte(
 def test_an_interrupted_build_goes_on_where_it_stopped(
     training_set: SyntheticHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture_store, "CHUNK", 2)
+    monkeypatch.setattr(image_store, "CHUNK", 2)
     rendered: list[int] = []
 
     def failing(recipe: Recipe, index: int) -> SyntheticHand:
@@ -87,7 +87,7 @@ def test_an_interrupted_build_goes_on_where_it_stopped(
         rendered.append(index)
         return synthetic_hand(recipe, index)
 
-    monkeypatch.setattr(picture_store, "synthetic_hand", failing)
+    monkeypatch.setattr(image_store, "synthetic_hand", failing)
     with pytest.raises(KeyboardInterrupt):
         hands(tmp_path)
     assert not training_set.folder.name.endswith(".partial")
@@ -103,8 +103,8 @@ def test_a_finished_set_is_not_rendered_again(
     def never(*_: object) -> None:
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(picture_store, "synthetic_hand", never)
-    assert len(hands(cache)) == len(training_set)
+    monkeypatch.setattr(image_store, "synthetic_hand", never)
+    assert (hands(cache).images == training_set.images).all()
 
 
 def test_a_finished_set_leaves_no_scraps_and_tells_its_recipe(training_set: SyntheticHands) -> None:
@@ -124,7 +124,7 @@ def test_another_seed_size_or_split_lives_elsewhere(cache: Path) -> None:
         (Recipe("train", level_named("medium"), SIZE, 0, "mano"), 6),
         (recipe, 7),
     ]
-    paths = {picture_store.store_path(cache, r, size) for r, size in [(recipe, 6), *others]}
+    paths = {image_store.store_path(cache, r, size) for r, size in [(recipe, 6), *others]}
     assert len(paths) == 5
 
 
