@@ -66,12 +66,14 @@ def test_the_scores_before_and_after_are_those_of_the_files(hand: HandModel) -> 
     wrong = changed(prediction, in_order("freihand", "ho3d"), lambda mesh: mesh)
     (found,) = lint(ground_truth, wrong, FREIHAND)
     column = LANDMARK_SCORES.index("E_J")
-    now, mended = (
+    now, corrected = (
         1000 * float(landmark_scores(ground_truth, file)[:, column].mean())
         for file in (wrong, prediction)
     )
-    assert (found.score_now, found.score_if_mended) == pytest.approx((now, mended))
-    assert f"in HO3D's order: E_J {now:.1f} -> {mended:.1f} mm if you reorder them" in found.message
+    assert (found.score_now, found.score_if_mended) == pytest.approx((now, corrected))
+    assert (
+        f"in HO3D's order: E_J {now:.1f} -> {corrected:.1f} mm if you reorder them" in found.message
+    )
 
 
 def about_the_wrist(change: Callable[[Tensor], Tensor]) -> Callable[[HandPoints], HandPoints]:
@@ -94,7 +96,7 @@ def rows(index: Callable[[int], list[int]]) -> Callable[[HandPoints], HandPoints
     return lambda file: file[torch.tensor(index(len(file)))]
 
 
-def of_landmarks(change: Callable[[Tensor], Tensor]) -> Callable[[HandPoints], HandPoints]:
+def landmarks_only(change: Callable[[Tensor], Tensor]) -> Callable[[HandPoints], HandPoints]:
     return lambda file: changed(file, change, lambda mesh: mesh)
 
 
@@ -148,10 +150,10 @@ CASES: dict[str, tuple[Protocol, Callable[[HandPoints], HandPoints], list[str], 
     ),
     "pixels": (FREIHAND, everywhere(as_pixels), ["pixels"], "2D pixel coordinates"),
     "wrist last": (
-        FREIHAND, of_landmarks(lambda points: points.roll(-1, dims=1)), ["order"], "wrist last",
+        FREIHAND, landmarks_only(lambda points: points.roll(-1, dims=1)), ["order"], "wrist last",
     ),
     "reordered twice": (
-        FREIHAND, of_landmarks(in_order("ho3d", "freihand")), ["order"], "once too often",
+        FREIHAND, landmarks_only(in_order("ho3d", "freihand")), ["order"], "once too often",
     ),
     "mesh in mm": (
         FREIHAND, of_mesh(times(1000, 1000, 1000)), ["joints_and_vertices"],
@@ -162,8 +164,8 @@ CASES: dict[str, tuple[Protocol, Callable[[HandPoints], HandPoints], list[str], 
     ),
     "mesh in another order": (FREIHAND, of_mesh(mesh_shuffled), ["vertex_order"], "MANO's order"),
     "order and unit": (
-        DEXYCB, of_landmarks(lambda points: in_order("freihand", "dart")(points) / 1000),
-        ["unit", "order"], "and mend the other findings",
+        DEXYCB, landmarks_only(lambda points: in_order("freihand", "dart")(points) / 1000),
+        ["unit", "order"], "and correct the other findings",
     ),
     "order, unit and axes": (
         FREIHAND,
@@ -234,7 +236,7 @@ def test_a_gain_must_be_large_steady_and_beyond_chance() -> None:
 
 @pytest.mark.parametrize(("count", "most"), [(1, 500), (500, 500), (501, 500), (3960, 500)])
 def test_frames_are_spread_over_the_whole_set(count: int, most: int) -> None:
-    place = spread_evenly(count, most)
-    assert len(place) <= most
-    assert place[0] == 0
-    assert count - int(place[-1]) <= -(-count // most)
+    frames = spread_evenly(count, most)
+    assert len(frames) <= most
+    assert frames[0] == 0
+    assert count - int(frames[-1]) <= -(-count // most)

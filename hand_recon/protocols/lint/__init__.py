@@ -1,1 +1,1 @@
-"""Checks of a file of predictions for mistakes in order, unit, axes, side and sequence."""
+"""Lint of prediction files: wrong landmark order, unit, axes, side and frame order."""

@@ -1,6 +1,6 @@
-"""What the lint of predictions measures with, and when it calls a difference a mistake.
+"""Error measures and decision thresholds of the lint of predictions.
 
-Alignment with reflections hides mirrored hands, wrong axes and wrong units, so that nothing here uses it.
+No measure allows reflections, which would hide mirrored hands and wrong axes.
 """
 
 from dataclasses import dataclass
@@ -14,67 +14,67 @@ from hand_recon.evaluation.alignment import align_proper
 from hand_recon.evaluation.point_error import point_errors
 
 Confidence = Literal["certain", "likely", "note"]
-"""A note is no mistake: something that the reader of the scores should know."""
+"""Certainty of a mistake; a note is no mistake but a fact that limits the scores."""
 
 DEVIATIONS: Final = 6.0
-"""Standard errors by which a paired difference must exceed zero: dozens of hypotheses are tried."""
+"""Standard errors by which a paired gain must exceed zero; high, because dozens of hypotheses are tried."""
 
 SHARE_BETTER: Final = 0.75
-"""Of the frames that a cure must improve."""
+"""Least share of the frames that a fix must improve."""
 
-LEAST_GAIN: Final = 0.0005
-"""Metres: what is smaller matters to nobody."""
+MINIMUM_GAIN: Final = 0.0005
+"""Least mean gain of a fix, metres."""
 
-FEWEST: Final = 4
-"""Frames below which every one of them must improve, and by a third."""
+FEW_FRAMES: Final = 4
+"""With fewer frames than this, a fix must lower the error of every frame by more than a third."""
 
 
 @dataclass(frozen=True)
 class Hands:
-    """The frames that are looked at, in FreiHAND's order, OpenCV's axes and metres as far as is known."""
+    """Inspected frames, in FreiHAND's order, OpenCV's axes and metres unless the file is wrong."""
 
     ground_truth: Float[Tensor, "hand landmark=21 3"]
-    """Ground truth."""
+    """True landmarks."""
     prediction: Float[Tensor, "hand landmark=21 3"]
-    """Of the same frames, mended as far as mistakes were found."""
+    """Predicted landmarks of the same frames, corrected for the mistakes found so far."""
 
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A mistake, or something to know, before it is scored."""
+    """A mistake or a note, not yet scored."""
 
     kind: str
-    """One word for programs."""
+    """Identifier, one of those listed in `Finding.kind`."""
     found: str
-    """A sentence without its full stop: what the file looks like."""
-    cure: str | None = None
-    """What to do, to follow "if you"; none where nothing can be done to the file."""
+    """Description of the file, a sentence without its full stop."""
+    fix: str | None = None
+    """Remedy, worded to follow "if you"; none where the file cannot be corrected."""
     score: str = "E_J"
-    """The score that shows the mistake, a column of `LANDMARK_SCORES`."""
+    """Score that shows the mistake, a column of `LANDMARK_SCORES`."""
     confidence: Confidence = "likely"
-    """How sure this is."""
+    """Certainty of the mistake."""
     measured: tuple[float, float | None] | None = None
-    """Now and once mended, millimetres, for what is not among the landmark scores."""
+    """Score before and after the fix, millimetres, where it is no landmark score."""
 
 
 def shape_error(
     ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> Float[Tensor, " hand"]:
-    """Mean error after rotation, scale and translation, but no reflection, metres."""
+    """Mean error of each hand after alignment without reflection, metres."""
     return point_errors(ground_truth, align_proper(ground_truth, prediction)).mean(dim=-1)
 
 
-def turned_error(
+def orientation_error(
     ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> Float[Tensor, " hand"]:
-    """Mean error after translation and one scale for all hands, but no rotation, metres."""
+    """Mean error of each hand after translation and one scale for all hands, without rotation, metres."""
     centred = prediction - prediction.mean(dim=1, keepdim=True)
     scaled = centred / size_ratio(ground_truth, prediction)
     return point_errors(ground_truth - ground_truth.mean(dim=1, keepdim=True), scaled).mean(dim=-1)
 
 
 def sizes(points: Float[Tensor, "hand point 3"]) -> Float[Tensor, " hand"]:
-    """Root of the mean squared distance from the centroid."""
+    """Size of each hand: root mean square distance of its points from their centroid, metres."""
     centred = points - points.mean(dim=1, keepdim=True)
     return centred.square().sum(dim=-1).mean(dim=-1).sqrt()
 
@@ -82,12 +82,12 @@ def sizes(points: Float[Tensor, "hand point 3"]) -> Float[Tensor, " hand"]:
 def size_ratio(
     ground_truth: Float[Tensor, "hand point 3"], prediction: Float[Tensor, "hand point 3"]
 ) -> float:
-    """How many times too large the predicted hands are: the median over frames."""
+    """Median over frames of the predicted size divided by the true size."""
     return float((sizes(prediction) / sizes(ground_truth)).median())
 
 
 def is_constant(prediction: Float[Tensor, "hand point 3"]) -> bool:
-    """Whether one hand is predicted for all frames, at most moved from place to place."""
+    """Whether all predictions are the same hand up to translation."""
     if len(prediction) < 2:
         return False
     centred = prediction - prediction.mean(dim=1, keepdim=True)
@@ -96,13 +96,13 @@ def is_constant(prediction: Float[Tensor, "hand point 3"]) -> bool:
 
 
 def clearly_better(
-    now: Float[Tensor, " hand"], mended: Float[Tensor, " hand"], share: float
+    now: Float[Tensor, " hand"], corrected: Float[Tensor, " hand"], share: float
 ) -> bool:
-    """Whether a cure lowers an error by a share of it, in nearly every frame, and not by chance."""
-    gain = now - mended
-    if gain.mean() < max(share * float(now.mean()), LEAST_GAIN):
+    """Whether a fix lowers the error by at least a share of it, in nearly every frame, beyond chance."""
+    gain = now - corrected
+    if gain.mean() < max(share * float(now.mean()), MINIMUM_GAIN):
         return False
-    if len(gain) < FEWEST:
+    if len(gain) < FEW_FRAMES:
         return bool((gain > now / 3).all())
     error = gain.std() / len(gain) ** 0.5
     return bool(gain.mean() > DEVIATIONS * error) and bool(
@@ -110,12 +110,12 @@ def clearly_better(
     )
 
 
-def certainty(now: Float[Tensor, " hand"], mended: Float[Tensor, " hand"]) -> Confidence:
-    """Certain where the cure takes away half of the error or more."""
-    return "certain" if float(mended.mean()) <= 0.5 * float(now.mean()) else "likely"
+def certainty(now: Float[Tensor, " hand"], corrected: Float[Tensor, " hand"]) -> Confidence:
+    """Certain where the fix removes half of the error or more, else likely."""
+    return "certain" if float(corrected.mean()) <= 0.5 * float(now.mean()) else "likely"
 
 
 def spread_evenly(count: int, most: int) -> Tensor:
-    """At most so many positions among so many frames, from the first on."""
+    """Indices of at most `most` frames of `count`, evenly spaced from the first on."""
     step = max(1, -(-count // most))
     return torch.arange(0, count, step)

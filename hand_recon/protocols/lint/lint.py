@@ -1,9 +1,8 @@
-"""What is wrong with a file of predictions: another order, unit, axes, side or sequence of frames.
+"""Lint of a file of predictions: wrong landmark order, unit, axes, side or frame order.
 
-The benchmarks' alignment allows every rotation, scale and reflection, and so hides half of these
-mistakes; the others cost tens of millimetres that look like a bad method. Every hypothesis is scored, and
-told only where it explains the file so much better that chance cannot have done it: a bad method is not a
-mistake.
+The benchmarks' alignment allows every rotation, scale and reflection, and so hides half of these mistakes;
+the others cost tens of millimetres that look like a bad method. Every hypothesis is scored, and reported only
+where it lowers the error clearly beyond chance: large errors alone are not reported.
 """
 
 import math
@@ -29,81 +28,81 @@ from hand_recon.protocols.lint.placement import (
 )
 from hand_recon.protocols.lint.surface import apart, without_correspondence
 
-MOST: Final = 500
-"""Frames that are looked at, evenly spread."""
+MAX_FRAMES: Final = 500
+"""Most frames that are inspected, evenly spaced."""
 
-SURFACES: Final = 64
-"""Meshes that are looked at."""
+MAX_MESHES: Final = 64
+"""Most meshes that are inspected."""
 
-POINT: Final = 1e-9
-"""Metres: a hand that is smaller is a point."""
+MINIMUM_SIZE: Final = 1e-9
+"""Size below which a hand is a single point, metres."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something about a file that its author should know."""
+    """One mistake in a file of predictions, or one note on it."""
 
     kind: str
-    """`order`, `unit`, `axes`, `mirrored`, `some_mirrored`, `position`, `frame_order`, `repeated`, `pixels`,
-    `joints_and_vertices`, `vertex_order`; and the notes `root_relative`, `scale`, `constant`,
-    `unrelated`, `no_extent`."""
+    """Identifier: `order`, `unit`, `axes`, `mirrored`, `some_mirrored`, `position`, `frame_order`,
+    `repeated`, `pixels`, `joints_and_vertices`, `vertex_order`; and the notes `root_relative`, `scale`,
+    `constant`, `unrelated`, `no_extent`."""
     message: str
-    """What it looks like, and what to do."""
+    """Description and remedy."""
     score_now: float
-    """The score that shows it, millimetres."""
+    """Score that shows the mistake, millimetres."""
     score_if_mended: float | None
-    """The same with this and every other finding mended; none where the file cannot tell."""
+    """The same score once this and all other findings are corrected; none where it cannot be known."""
     confidence: Confidence
-    """`certain` or `likely` of a mistake; `note` where there is none."""
+    """`certain` or `likely` for a mistake, `note` for a fact that limits the scores."""
 
     @property
     def gain(self) -> float:
-        """How much the score would fall, millimetres."""
+        """Decrease of the score once corrected, millimetres."""
         return 0.0 if self.score_if_mended is None else self.score_now - self.score_if_mended
 
 
 def lint(
     ground_truth: HandPoints, prediction: HandPoints, protocol: Protocol, mesh: Tensor | None = None
 ) -> tuple[Finding, ...]:
-    """Look for mistakes in predictions of at least one frame.
+    """Find mistakes in predictions of at least one frame.
 
     Args:
-        ground_truth: Ground truth in the protocol's own form.
-        prediction: As the file has it, in what should be that form; finite.
-        protocol: Whose form.
+        ground_truth: Ground truth in the protocol's order, axes and unit.
+        prediction: The file's points, which should be in the same order, axes and unit; finite.
+        protocol: Benchmark whose format the file has.
         mesh: The file's vertices, also where there are no true ones: frames × vertices × 3.
 
     Returns:
-        Mistakes, the costliest first, then notes; none for a file without mistakes, however bad it is.
+        Mistakes, the costliest first, then notes; none for a file without mistakes, however large its errors.
     """
     all_ground_truth, all_hands = (
         protocol.to_internal(HandPoints(points.landmarks)).double().landmarks
         for points in (ground_truth, prediction)
     )
-    place = spread_evenly(len(all_ground_truth), MOST)
-    hands = Hands(all_ground_truth[place], all_hands[place])
-    if float(sizes(hands.prediction).median()) < POINT:
+    frames = spread_evenly(len(all_ground_truth), MAX_FRAMES)
+    hands = Hands(all_ground_truth[frames], all_hands[frames])
+    if float(sizes(hands.prediction).median()) < MINIMUM_SIZE:
         found = "Most of your predictions are a single point, which no alignment can enlarge"
         return _scored([Suspicion("no_extent", found, confidence="note")], hands, hands)
     pixels = flat(hands)
     if pixels is not None:
         return _scored([pixels], hands, hands)
-    mended, suspicions = _mended(hands, all_ground_truth, protocol)
+    corrected, suspicions = _correct(hands, all_ground_truth, protocol)
     repeated = None if is_one_hand(suspicions) else repeated_frames(all_ground_truth, all_hands)
-    found_in_mesh = _of_the_mesh(hands, mended, (ground_truth, prediction, mesh), protocol)
+    found_in_mesh = _of_the_mesh(hands, corrected, (ground_truth, prediction, mesh), protocol)
     suspicions += [some for some in (repeated, *found_in_mesh) if some is not None]
-    return _scored(suspicions, hands, mended)
+    return _scored(suspicions, hands, corrected)
 
 
 def is_one_hand(suspicions: list[Suspicion]) -> bool:
-    """Whether it has been said that all predictions are alike."""
+    """Whether all predictions were found to be the same hand."""
     return any(suspicion.kind == "constant" for suspicion in suspicions)
 
 
-def _mended(
+def _correct(
     hands: Hands, all_ground_truth: Float[Tensor, "frame landmark=21 3"], protocol: Protocol
 ) -> tuple[Hands, list[Suspicion]]:
-    """Mend one thing after the other, the form before its place."""
+    """Correct one mistake after the other, those of the shape before those of the position."""
     suspicions: list[Suspicion | None] = [constant_note(hands)]
     steps: list[Callable[[Hands], tuple[Hands, Suspicion | None]]] = [
         lambda some: wrong_unit(some, protocol),
@@ -121,7 +120,7 @@ def _mended(
 
 def _of_the_mesh(
     hands: Hands,
-    mended: Hands,
+    corrected: Hands,
     points: tuple[HandPoints, HandPoints, Tensor | None],
     protocol: Protocol,
 ) -> list[Suspicion | None]:
@@ -130,23 +129,23 @@ def _of_the_mesh(
         mesh = prediction.vertices
     if mesh is None:
         return []
-    place = spread_evenly(len(mesh), MOST)
-    few = spread_evenly(len(place), SURFACES)
-    surface = _internal(mesh[place[few]], hands.prediction[few], protocol)
+    frames = spread_evenly(len(mesh), MAX_FRAMES)
+    few = spread_evenly(len(frames), MAX_MESHES)
+    surface = _internal(mesh[frames[few]], hands.prediction[few], protocol)
     apart_from = apart(hands.prediction[few], surface)
-    # Only frames that are where they should be can be compared.
+    # Meshes are compared only where the frames are in order and their vertices can correspond.
     if (
         ground_truth.vertices is None
         or ground_truth.vertices.shape[1] != mesh.shape[1]
         or apart_from is not None
     ):
         return [apart_from]
-    if len(mended.ground_truth) != len(hands.ground_truth) or not torch.equal(
-        mended.ground_truth, hands.ground_truth
+    if len(corrected.ground_truth) != len(hands.ground_truth) or not torch.equal(
+        corrected.ground_truth, hands.ground_truth
     ):
         return [apart_from]
-    true_surface = _internal(ground_truth.vertices[place[few]], hands.ground_truth[few], protocol)
-    some = Hands(mended.ground_truth[few], mended.prediction[few])
+    true_surface = _internal(ground_truth.vertices[frames[few]], hands.ground_truth[few], protocol)
+    some = Hands(corrected.ground_truth[few], corrected.prediction[few])
     return [apart_from, without_correspondence(some, true_surface, surface)]
 
 
@@ -155,15 +154,15 @@ def _internal(surface: Tensor, landmarks: Tensor, protocol: Protocol) -> Tensor:
     return surface if vertices is None else vertices
 
 
-def _scored(suspicions: list[Suspicion], now: Hands, mended: Hands) -> tuple[Finding, ...]:
-    before, after = _scores(now), _scores(mended)
-    several = sum(suspicion.cure is not None for suspicion in suspicions) > 1
+def _scored(suspicions: list[Suspicion], now: Hands, corrected: Hands) -> tuple[Finding, ...]:
+    before, after = _scores(now), _scores(corrected)
+    several = sum(suspicion.fix is not None for suspicion in suspicions) > 1
     findings = []
     for suspicion in suspicions:
         measured = suspicion.measured
         if measured is None:
-            cured = None if suspicion.cure is None else after[suspicion.score]
-            measured = before[suspicion.score], cured
+            fixed = None if suspicion.fix is None else after[suspicion.score]
+            measured = before[suspicion.score], fixed
         message = _message(suspicion, measured, several)
         findings.append(Finding(suspicion.kind, message, *measured, suspicion.confidence))
     return tuple(
@@ -172,13 +171,13 @@ def _scored(suspicions: list[Suspicion], now: Hands, mended: Hands) -> tuple[Fin
 
 
 def _message(suspicion: Suspicion, measured: tuple[float, float | None], several: bool) -> str:
-    now, mended = measured
-    if mended is None:
+    now, corrected = measured
+    if corrected is None:
         return f"{suspicion.found}."
-    together = ", and mend the other findings" if several and suspicion.measured is None else ""
+    together = ", and correct the other findings" if several and suspicion.measured is None else ""
     return (
-        f"{suspicion.found}: {suspicion.score} {now:.1f} -> {mended:.1f} mm if you "
-        f"{suspicion.cure}{together}."
+        f"{suspicion.found}: {suspicion.score} {now:.1f} -> {corrected:.1f} mm if you "
+        f"{suspicion.fix}{together}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Are the landmarks in another order, and do the frames come in another order?"""
+"""Lint checks of the landmark order and the frame order."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,29 +21,29 @@ from hand_recon.protocols.lint.evidence import (
 )
 
 ORDER_GAIN: Final = 0.1
-"""Least share of the error: two swapped fingertips are a quarter of it for a good method."""
+"""Least share of the error that another landmark order removes; two swapped fingertips cause a quarter."""
 
 FRAME_GAIN: Final = 0.25
-"""Least share of the error that another order of frames takes away."""
+"""Least share of the error that another frame order removes."""
 
 PROBES: Final = 200
-"""Predictions whose ground truth is searched for among all frames."""
+"""Number of predictions whose ground truth is searched among all frames."""
 
 FEWEST_PROBES: Final = 32
-"""Below so many, chance may put each prediction among the worst for its own frame."""
+"""Least number of probes; with fewer, unrelated frames may fit worse by chance."""
 
 ONE_FORM: Final = 1e-3
-"""Difference of lengths, over the hand's size, below which two hands have one form."""
+"""Difference of lengths, over the hand's size, below which two hands have the same shape."""
 
 BY_CHANCE: Final = 0.45
-"""Mean share of frames that fit better than a prediction's own; ½ where it has nothing to do with it."""
+"""Least mean share of frames that fit better than a prediction's own; ½ for unrelated frames."""
 
 SAME_HAND: Final = 0.28
-"""How near a shuffled prediction is to its hand, over its distance from the hand that it is beside: 0.22 with
-errors of 2 mm, and 0.31 for the nearest of 4,000 unrelated hands."""
+"""Shuffled frames: largest distance to the nearest hand, over that to the prediction's own frame. It is 0.22
+with errors of 2 mm, and 0.31 for the nearest of 4,000 unrelated hands."""
 
 DISTINCT: Final = 0.8
-"""Share of shuffled predictions with a nearest hand of their own: 0.95 and more; 0.5 for unrelated ones."""
+"""Least share of distinct nearest hands for shuffled frames, which have 0.95 and more; unrelated ones 0.5."""
 
 NAMES: Final = {
     "freihand": "FreiHAND's order (OpenPose's)",
@@ -53,16 +53,16 @@ NAMES: Final = {
     "rhd": "RHD's order (each finger from tip to base)",
     "interhand": "InterHand2.6M's order (each finger from tip to base, wrist last)",
 }
-"""How messages call the orders of `LANDMARK_ORDERS`."""
+"""Descriptions of the orders of `LANDMARK_ORDERS` for messages."""
 
 _MIRROR: Final = (-1.0, 1.0, 1.0)
 
 
 def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
-    """Read the landmarks in every order that is in use, as right and as left hands.
+    """Check whether another known landmark order fits better, for right or for left hands.
 
     Returns:
-        The hands in the order that fits, and what to tell.
+        The hands in the order that fits, and the mistake if there is one.
     """
     now = _either_hand(hands.ground_truth, hands.prediction)
     own = LANDMARK_ORDERS[protocol.order]
@@ -74,9 +74,9 @@ def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | No
     if best is None or not clearly_better(now, best[0], ORDER_GAIN):
         return hands, None
     error, names, label = best
-    mended = replace(hands, prediction=hands.prediction[:, _indices(own, names)])
+    corrected = replace(hands, prediction=hands.prediction[:, _indices(own, names)])
     index = [names.index(name) for name in own]
-    return mended, Suspicion(
+    return corrected, Suspicion(
         "order",
         f"Your landmarks look to be {label}",
         f"reorder them by landmarks[{index}]",
@@ -85,19 +85,19 @@ def wrong_order(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | No
 
 
 def _either_hand(ground_truth: Tensor, prediction: Tensor) -> Tensor:
-    """The shape error of whichever of the hands and their mirror images fit better on the whole."""
-    plain = shape_error(ground_truth, prediction)
+    """Shape error of the hands or of their mirror images, whichever is smaller on average."""
+    unmirrored = shape_error(ground_truth, prediction)
     mirrored = shape_error(ground_truth, prediction * prediction.new_tensor(_MIRROR))
-    return plain if plain.mean() <= mirrored.mean() else mirrored
+    return unmirrored if unmirrored.mean() <= mirrored.mean() else mirrored
 
 
 def _indices(own: tuple[str, ...], names: tuple[str, ...]) -> list[int]:
-    """What takes landmarks that were read in one's own order to how they are, if `names` is the file's."""
+    """Permutation for landmarks that were read in the order `own` but were written in the order `names`."""
     return [LANDMARKS.index(own[names.index(name)]) for name in LANDMARKS]
 
 
 def _candidates(own: str) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Every other order of a file with what to call it, the usual ones first, each once."""
+    """Every other landmark order with its description, common ones first, each once."""
     seen = {LANDMARK_ORDERS[own]}
     for names, label in _all_orders(own):
         if names not in seen:
@@ -115,22 +115,22 @@ def _all_orders(own: str) -> Iterator[tuple[tuple[str, ...], str]]:
     for name in others:
         once, back = landmark_permutation(name, own), landmark_permutation(own, name)
         label = f"reordered from {NAMES[name]} to {NAMES[own]}"
-        yield tuple(LANDMARK_ORDERS[own][place] for place in once), f"{label} once too often"
-        yield tuple(LANDMARK_ORDERS[name][place] for place in back), f"{label} by the inverse map"
+        yield tuple(LANDMARK_ORDERS[own][index] for index in once), f"{label} once too often"
+        yield tuple(LANDMARK_ORDERS[name][index] for index in back), f"{label} by the inverse map"
 
 
 def wrong_frames(hands: Hands, all_ground_truth: Tensor) -> tuple[Hands, Suspicion | None]:
-    """Do the predictions fit the frames better when these are shifted, reversed, sorted or shuffled?
+    """Check whether shifted, reversed, sorted or shuffled frames fit the predictions better.
 
     Args:
-        hands: As many evenly spread frames as are looked at, their landmarks in order.
-        all_ground_truth: The ground truth of all frames.
+        hands: The inspected, evenly spaced frames, their landmarks in order.
+        all_ground_truth: Ground truth of all frames.
     """
     count = len(all_ground_truth)
-    place = spread_evenly(count, max(1, len(hands.ground_truth)))
+    frames = spread_evenly(count, max(1, len(hands.ground_truth)))
     now = _either_hand(hands.ground_truth, hands.prediction)
     best: tuple[Tensor, Tensor, str] | None = None
-    for other, label in _other_frames(place, count):
+    for other, label in _other_frames(frames, count):
         inside = (other >= 0) & (other < count)
         error = _either_hand(all_ground_truth[other.clamp(0, count - 1)], hands.prediction)
         error = torch.where(inside, error, now)
@@ -144,32 +144,32 @@ def wrong_frames(hands: Hands, all_ground_truth: Tensor) -> tuple[Hands, Suspici
             "write them in the order of the ground truth",
             confidence=certainty(now, error),
         )
-    return _shuffled(hands, all_ground_truth, place)
+    return _shuffled(hands, all_ground_truth, frames)
 
 
-def _other_frames(place: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
-    """Which frame each prediction would be of, and what that would mean."""
-    yield place + 1, "shifted: each prediction is of the next frame, the first one's is missing"
+def _other_frames(frames: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
+    """Candidate frame of each prediction, with a description of the frame order."""
+    yield frames + 1, "shifted: each prediction is of the next frame, the first one's is missing"
     yield (
-        place - 1,
+        frames - 1,
         "shifted: each prediction is of the frame before, the first one is one too many",
     )
-    yield count - 1 - place, "in reverse"
+    yield count - 1 - frames, "in reverse"
     as_text = torch.tensor(sorted(range(count), key=str))
-    yield as_text[place], "sorted as text (1, 10, 100, 2, ...)"
-    yield as_text.argsort()[place], "sorted by number where the ground truth is sorted as text"
+    yield as_text[frames], "sorted as text (1, 10, 100, 2, ...)"
+    yield as_text.argsort()[frames], "sorted by number where the ground truth is sorted as text"
 
 
 def _shuffled(
-    hands: Hands, all_ground_truth: Tensor, place: Tensor
+    hands: Hands, all_ground_truth: Tensor, frames: Tensor
 ) -> tuple[Hands, Suspicion | None]:
-    probe = spread_evenly(len(place), PROBES)
+    probe = spread_evenly(len(frames), PROBES)
     forms = _descriptor(hands.prediction[probe])
-    # One form for all frames, turned or not, fits its own no better than any other.
+    # If all predictions have the same shape, none fits its own frame better than others.
     if len(probe) < FEWEST_PROBES or float((forms - forms[:1]).abs().amax()) < ONE_FORM:
         return hands, None
     distance = torch.cdist(forms, _descriptor(all_ground_truth))
-    own = distance[torch.arange(len(probe)), place[probe]]
+    own = distance[torch.arange(len(probe)), frames[probe]]
     nearest, match = distance.min(dim=1)
     if float((distance < own[:, None]).double().mean()) < BY_CHANCE:
         return hands, None
@@ -177,21 +177,21 @@ def _shuffled(
     if not same_hand or len(match.unique()) < DISTINCT * len(probe):
         return hands, Suspicion(
             "unrelated",
-            "By their form, your predictions fit their own frames no better than any other frame: they are "
-            "shuffled, or of another test set, or the method does not see its picture",
+            "By their shape, your predictions fit their own frames no better than any other frame: they are "
+            "shuffled, or of another test set, or the method ignores its image",
             confidence="note",
         )
-    moved = int((match != place[probe]).nonzero()[0, 0])
+    moved = int((match != frames[probe]).nonzero()[0, 0])
     return Hands(all_ground_truth[match], hands.prediction[probe]), Suspicion(
         "frame_order",
         "Your frames look to be shuffled: prediction "
-        f"{int(place[probe][moved])} fits the ground truth of frame {int(match[moved])}",
+        f"{int(frames[probe][moved])} fits the ground truth of frame {int(match[moved])}",
         "write them in the order of the ground truth",
     )
 
 
 def _descriptor(points: Float[Tensor, "hand landmark=21 3"]) -> Float[Tensor, "hand pair"]:
-    """Distances between landmarks over the hand's size: the form, whatever its place, turn and side."""
+    """Distances between landmarks over the hand's size, independent of position, rotation and side."""
     first, second = torch.triu_indices(21, 21, offset=1)
     lengths = torch.linalg.vector_norm(points[:, first] - points[:, second], dim=-1)
     return lengths / sizes(points).clamp(min=1e-12)[:, None]
@@ -201,7 +201,7 @@ def repeated_frames(
     ground_truth: Float[Tensor, "hand landmark=21 3"],
     prediction: Float[Tensor, "hand landmark=21 3"],
 ) -> Suspicion | None:
-    """Are many predictions copies of the one before, though their hands differ?"""
+    """Check for predictions that are copies of the one before although their hands differ."""
     same = (prediction[1:] == prediction[:-1]).flatten(1).all(dim=1)
     same &= (ground_truth[1:] != ground_truth[:-1]).flatten(1).any(dim=1)
     rows: Int[Tensor, " row"] = same.nonzero()[:, 0]
@@ -210,5 +210,5 @@ def repeated_frames(
     return Suspicion(
         "repeated",
         f"{len(rows)} of your {len(prediction)} predictions are copies of the one before, the first at "
-        f"frame {int(rows[0]) + 1}. Look for a loop that writes an old result, or a batch not filled",
+        f"frame {int(rows[0]) + 1}. Look for a loop that writes an old result, or an incomplete batch",
     )

@@ -1,4 +1,4 @@
-"""Are the hands in another unit, in other axes, mirrored, at another place, or not in space at all?"""
+"""Lint checks of unit, axes, side and position, and for 2D points in place of 3D ones."""
 
 import math
 from collections.abc import Iterator
@@ -19,28 +19,28 @@ from hand_recon.protocols.lint.evidence import (
     certainty,
     clearly_better,
     is_constant,
+    orientation_error,
     shape_error,
     size_ratio,
-    turned_error,
 )
 
 FLAT: Final = 0.03
-"""Depth of a hand over its width, in the median frame: no hand is so thin in most frames."""
+"""Depth of a hand over its width, in the median frame, below which points are 2D."""
 
 ABOUT: Final = 2.0
-"""Within this factor of a unit, a size is in that unit."""
+"""Factor within which a size counts as being in a unit."""
 
 AXES_GAIN: Final = 0.3
-"""Least share of the error of turned hands that other axes take away."""
+"""Least share of the orientation error that other axes remove."""
 
 FLOOR: Final = 0.002
-"""Metres, beside twice the error of the shape: what hands in the right axes stay below."""
+"""Largest orientation error in the right axes, in addition to twice the shape error, metres."""
 
 NEAR_ORIGIN: Final = 0.2
-"""Metres from the camera within which no whole hand can be seen: a position is missing."""
+"""Distance from the camera within which no whole hand is visible, so that a position is missing, metres."""
 
 MIRRORED_SHARE: Final = 0.05
-"""Of the frames: fewer mirrored hands than these may be the method's own."""
+"""Least share of mirrored hands; fewer may be errors of the method."""
 
 Signs = tuple[float, float, float]
 
@@ -50,17 +50,17 @@ NO_FLIP: Final[Signs] = (1, 1, 1)
 FLIPS: Final[dict[Signs, str]] = {
     (1, -1, -1): "OpenGL's axes (y up, z backward)",
     (1, 1, -1): "axes whose depth z is negated",
-    (-1, 1, 1): "axes whose x is negated, as of a mirrored picture or of a left hand",
+    (-1, 1, 1): "axes whose x is negated, as of a mirrored image or of a left hand",
     (1, -1, 1): "axes whose y is negated",
     (-1, -1, 1): "axes whose x and y are negated",
     (-1, 1, -1): "axes whose x and z are negated",
     (-1, -1, -1): "axes that are all negated",
 }
-"""What signs other than the protocol's would mean, where the protocol has OpenCV's axes."""
+"""Descriptions of other signs of the axes, for a protocol with OpenCV's axes."""
 
 
 def flat(hands: Hands) -> Suspicion | None:
-    """Has the third coordinate next to no extent: pixels, or a projection?"""
+    """Check for 2D points: a third coordinate with hardly any extent."""
     extent = hands.prediction.std(dim=1)
     width, depth = extent[:, :2].amax(dim=1).median(), extent[:, 2].median()
     if float(depth) >= FLAT * float(width):
@@ -75,7 +75,7 @@ def flat(hands: Hands) -> Suspicion | None:
 
 
 def wrong_unit(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
-    """Is a hand a hundred or a thousand times too large or too small?"""
+    """Check whether the hands are in another unit."""
     ratio = size_ratio(hands.ground_truth, hands.prediction)
     for unit, metres in UNITS.items():
         factor = metres / UNITS[protocol.unit]
@@ -89,63 +89,67 @@ def wrong_unit(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | Non
             )
     if 1 / ABOUT < ratio < ABOUT:
         return hands, None
-    # Nothing is mended: where the hands are may be right.
+    # Not corrected: the positions may be right.
     return hands, Suspicion(
         "scale",
-        f"Your hands are {ratio:.3g} times as large as the true ones, which is no unit. Aligned scores do "
-        "not see it, the others do",
+        f"Your hands are {ratio:.3g} times as large as the true ones, which is no unit. Only aligned "
+        "scores are unaffected",
         score="MPJPE",
         confidence="note",
     )
 
 
 def wrong_axes(hands: Hands, protocol: Protocol) -> tuple[Hands, Suspicion | None]:
-    """Read the hands, and where they are, with all signs of the axes."""
-    plain = shape_error(hands.ground_truth, hands.prediction)
+    """Check whether other signs of the axes fit the orientation and position of the hands better."""
+    unmirrored = shape_error(hands.ground_truth, hands.prediction)
     mirrored = shape_error(hands.ground_truth, _flipped(hands.prediction, (-1, 1, 1)))
-    signs = _turn(hands, plain, mirrored)
+    signs = _axis_signs(hands, unmirrored, mirrored)
     if signs is None:
-        return _mirrored(hands, plain, mirrored)
+        return _mirrored(hands, unmirrored, mirrored)
     if signs == NO_FLIP:
-        return _misplaced(hands)
+        return _wrong_position(hands)
     flipped = replace(hands, prediction=_flipped(hands.prediction, signs))
-    now, mended = (turned_error(hands.ground_truth, some.prediction) for some in (hands, flipped))
+    now, corrected = (
+        orientation_error(hands.ground_truth, some.prediction) for some in (hands, flipped)
+    )
     kind = "mirrored" if math.prod(signs) < 0 else "axes"
     about = _about_the_root(hands, flipped)
     where = " about a root that is at the right place" if about is not None else ""
-    mended_hands = flipped if about is None else about
+    corrected_hands = flipped if about is None else about
     axes = _in_the_files_axes(signs, protocol)
-    return mended_hands, Suspicion(
+    return corrected_hands, Suspicion(
         kind,
         f"Your hands look to be in {axes}{where}. Alignment hides it",
         f"negate {_coordinates(signs)}{' of the hand relative to its root' if where else ''}",
-        score=_visible_score(mended_hands, "E_J_proper" if kind == "mirrored" else "E_J_unaligned"),
-        confidence=certainty(now, mended),
+        score=_visible_score(
+            corrected_hands, "E_J_proper" if kind == "mirrored" else "E_J_unaligned"
+        ),
+        confidence=certainty(now, corrected),
     )
 
 
-def _turn(hands: Hands, plain: Tensor, mirrored: Tensor) -> Signs | None:
-    """The signs that turn the hands as they should be, one's own where those do; none if no signs do."""
+def _axis_signs(hands: Hands, unmirrored: Tensor, mirrored: Tensor) -> Signs | None:
+    """Signs that give the right orientation; `NO_FLIP` for the file's own axes, none if no signs do."""
     if is_constant(hands.prediction):
         return None
-    now = turned_error(hands.ground_truth, hands.prediction)
+    now = orientation_error(hands.ground_truth, hands.prediction)
     errors = {
-        signs: turned_error(hands.ground_truth, _flipped(hands.prediction, signs))
+        signs: orientation_error(hands.ground_truth, _flipped(hands.prediction, signs))
         for signs in FLIPS
     }
     signs = min(errors, key=lambda key: float(errors[key].mean()))
-    shape, other = (mirrored, plain) if math.prod(signs) < 0 else (plain, mirrored)
-    # Hands that are turned nearly alike may be nearer to some others turned round: not in their form.
+    shape, other = (mirrored, unmirrored) if math.prod(signs) < 0 else (unmirrored, mirrored)
+    # Orientations that hardly vary may fit other hands by chance; then their shape does not fit.
     possible = float(shape.mean()) < 1.1 * float(other.mean())
     fits = possible and float(errors[signs].mean()) < 2 * float(shape.mean()) + FLOOR
     if fits and clearly_better(now, errors[signs], AXES_GAIN):
         return signs
-    return None if clearly_better(plain, mirrored, AXES_GAIN) else NO_FLIP
+    return None if clearly_better(unmirrored, mirrored, AXES_GAIN) else NO_FLIP
 
 
-def _mirrored(hands: Hands, plain: Tensor, mirrored: Tensor) -> tuple[Hands, Suspicion | None]:
-    """A mirrored form whose axes cannot be told, because the hands are turned otherwise."""
-    if not clearly_better(plain, mirrored, AXES_GAIN):
+def _mirrored(hands: Hands, unmirrored: Tensor, mirrored: Tensor) -> tuple[Hands, Suspicion | None]:
+    """Check for mirrored hands whose axes are unknown because their orientation does not fit either."""
+    if not clearly_better(unmirrored, mirrored, AXES_GAIN):
         return hands, None
     return replace(hands, prediction=_flipped(hands.prediction, (-1, 1, 1))), Suspicion(
         "mirrored",
@@ -153,12 +157,12 @@ def _mirrored(hands: Hands, plain: Tensor, mirrored: Tensor) -> tuple[Hands, Sus
         "alignment hides it",
         "mirror them, for example by negating x",
         score="E_J_proper",
-        confidence=certainty(plain, mirrored),
+        confidence=certainty(unmirrored, mirrored),
     )
 
 
 def _about_the_root(hands: Hands, flipped: Hands) -> Hands | None:
-    """The flipped hands where their wrists were, if these were right before and are not after."""
+    """The flipped hands at their former wrist positions, if only those are right."""
     if near_origin(hands):
         return None
     moved = flipped.prediction + (hands.prediction - flipped.prediction)[:, WRIST, None]
@@ -166,46 +170,46 @@ def _about_the_root(hands: Hands, flipped: Hands) -> Hands | None:
     return Hands(hands.ground_truth, moved) if _closer(_distance(*_both(flipped)), stays) else None
 
 
-def _misplaced(hands: Hands) -> tuple[Hands, Suspicion | None]:
-    """Hands that are right, at a place whose axes or unit are not."""
+def _wrong_position(hands: Hands) -> tuple[Hands, Suspicion | None]:
+    """Check for positions in other axes or another unit than the hands themselves."""
     in_its_unit = 1 / ABOUT < size_ratio(hands.ground_truth, hands.prediction) < ABOUT
     if near_origin(hands) or not in_its_unit:
         return hands, None
     now = _distance(*_both(hands))
     best: tuple[Tensor, str] | None = None
-    for moved, cure in _other_places(hands.prediction):
+    for moved, fix in _other_positions(hands.prediction):
         nearer = (
             best is None
             or _distance(hands.ground_truth, moved).mean()
             < _distance(hands.ground_truth, best[0]).mean()
         )
-        best = (moved, cure) if nearer else best
+        best = (moved, fix) if nearer else best
     if best is None or not _closer(now, _distance(hands.ground_truth, best[0])):
         return hands, None
     return Hands(hands.ground_truth, best[0]), Suspicion(
         "position",
-        "Your hands are turned and sized as they should be, but are placed in other axes or another unit",
+        "Your hands have the right orientation and size, but their positions have other axes or another unit",
         f"{best[1]} in each hand's position alone",
         score="E_J_unaligned",
     )
 
 
-def _other_places(prediction: Tensor) -> Iterator[tuple[Tensor, str]]:
-    """The hands where their roots would be in other units and axes, and how to bring them there."""
+def _other_positions(prediction: Tensor) -> Iterator[tuple[Tensor, str]]:
+    """The hands with their positions in other units and axes, and the fix that leads there."""
     for root, factor, signs in product(
         (WRIST, ROOT_LANDMARK), (1.0, 0.01, 0.001), (NO_FLIP, *FLIPS)
     ):
-        place = prediction[:, root, None]
+        position = prediction[:, root, None]
         steps = [
             "" if factor == 1 else f"multiply by {factor:g}",
             "" if signs == NO_FLIP else f"negate {_coordinates(signs)}",
         ]
-        moved = prediction + _flipped(place, signs) * factor - place
+        moved = prediction + _flipped(position, signs) * factor - position
         yield moved, " and ".join(step for step in steps if step)
 
 
-def _closer(now: Tensor, mended: Tensor) -> bool:
-    return clearly_better(now, mended, 0.65) and float(mended.mean()) < 0.15
+def _closer(now: Tensor, corrected: Tensor) -> bool:
+    return clearly_better(now, corrected, 0.65) and float(corrected.mean()) < 0.15
 
 
 def _both(hands: Hands) -> tuple[Tensor, Tensor]:
@@ -217,7 +221,7 @@ def _distance(ground_truth: Tensor, prediction: Tensor) -> Tensor:
 
 
 def near_origin(hands: Hands) -> bool:
-    """Whether the predicted hands surround the camera where the true ones are before it."""
+    """Whether the predicted hands are around the camera while the true ones are in front of it."""
     true, predicted = (
         float(torch.linalg.vector_norm(points.mean(dim=1), dim=-1).median())
         for points in _both(hands)
@@ -226,19 +230,19 @@ def near_origin(hands: Hands) -> bool:
 
 
 def root_relative_note(hands: Hands) -> Suspicion | None:
-    """Are the hands around the origin: is their position missing?"""
+    """Check for root-relative hands, whose positions are missing."""
     if not near_origin(hands):
         return None
     roots = {"wrist": WRIST, "middle finger's MCP": ROOT_LANDMARK}
     at_origin = [
         name
-        for name, place in roots.items()
-        if float(hands.prediction[:, place].abs().max()) < 1e-3
+        for name, position in roots.items()
+        if float(hands.prediction[:, position].abs().max()) < 1e-3
     ]
     origin = f"have the {at_origin[0]} at the origin" if at_origin else "are around the origin"
     return Suspicion(
         "root_relative",
-        f"Your hands {origin} and not before the camera. Aligned and root-relative scores are right; "
+        f"Your hands {origin} and not in front of the camera. Aligned and root-relative scores are right; "
         "unaligned ones need the root's position added",
         confidence="note",
         score="E_J_unaligned",
@@ -246,19 +250,19 @@ def root_relative_note(hands: Hands) -> Suspicion | None:
 
 
 def some_mirrored(hands: Hands) -> tuple[Hands, Suspicion | None]:
-    """Are some of the hands mirrored: left hands that were not mirrored back?"""
+    """Check for some mirrored hands: left hands that were not mirrored back."""
     if is_constant(hands.prediction):
         return hands, None
     flipped = _flipped(hands.prediction, (-1, 1, 1))
-    now, mended = (
-        turned_error(hands.ground_truth, points) for points in (hands.prediction, flipped)
+    now, corrected = (
+        orientation_error(hands.ground_truth, points) for points in (hands.prediction, flipped)
     )
-    wrong = (mended < 0.5 * now) & (now > 0.01)
+    wrong = (corrected < 0.5 * now) & (now > 0.01)
     if not max(2, MIRRORED_SHARE * len(now)) <= int(wrong.sum()) < 0.95 * len(now):
         return hands, None
-    plain = shape_error(hands.ground_truth[wrong], hands.prediction[wrong])
+    unmirrored = shape_error(hands.ground_truth[wrong], hands.prediction[wrong])
     if float(shape_error(hands.ground_truth[wrong], flipped[wrong]).mean()) > 0.7 * float(
-        plain.mean()
+        unmirrored.mean()
     ):
         return hands, None
     points = torch.where(wrong[:, None, None], flipped, hands.prediction)
@@ -273,13 +277,13 @@ def some_mirrored(hands: Hands) -> tuple[Hands, Suspicion | None]:
 
 
 def constant_note(hands: Hands) -> Suspicion | None:
-    """Is one hand predicted for every frame?"""
+    """Check for one constant hand in every frame."""
     if not is_constant(hands.prediction):
         return None
     return Suspicion(
         "constant",
-        "Your predictions are one and the same hand in every frame, as of a mean pose. Only aligned scores "
-        "mean something for it",
+        "Your predictions are the same hand in every frame, as of a mean pose. Only its aligned scores "
+        "have a meaning",
         confidence="note",
     )
 

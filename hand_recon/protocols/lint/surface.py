@@ -1,4 +1,4 @@
-"""Do the landmarks lie in the mesh, and do the mesh's points correspond to the ground truth's?"""
+"""Lint checks of the mesh against the landmarks and against the true vertices' order."""
 
 import math
 from typing import Final
@@ -14,31 +14,31 @@ from hand_recon.protocols.lint.evidence import Hands, Suspicion, clearly_better,
 from hand_recon.protocols.lint.placement import ABOUT, FLIPS, Signs
 
 APART: Final = 0.5
-"""Mean distance of landmarks from the nearest vertex over the mesh's size: 0.1 for hands, and 0.24 with
-errors of 40 mm on every coordinate of both."""
+"""Largest mean distance of landmarks from the nearest vertex, over the mesh's size: 0.1 for hands, and
+0.24 with errors of 40 mm on every coordinate of both."""
 
 FLIP_GAIN: Final = 0.35
-"""Least share of that distance that other axes take away."""
+"""Least share of that distance that other axes remove."""
 
 NO_CORRESPONDENCE: Final = (2.0, 0.01)
-"""Times the landmarks' error and metres by which the vertices' exceeds it where they are in another order."""
+"""Largest vertex error in the right order: a factor of the landmark error, and an offset in metres."""
 
 
 def apart(
     landmarks: Float[Tensor, "hand landmark=21 3"], mesh: Float[Tensor, "hand vertex 3"]
 ) -> Suspicion | None:
-    """Are landmarks and vertices in different units, axes or places?
+    """Check whether landmarks and vertices are in different units, axes or positions.
 
     Args:
-        landmarks: As the file has them, read in the protocol's form, metres.
-        mesh: The vertices of the same frames, read alike.
+        landmarks: The file's landmarks, converted from the protocol's conventions, metres.
+        mesh: The vertices of the same frames, converted likewise, metres.
     """
     ratio = float((sizes(mesh) / sizes(landmarks)).median())
     if not math.isfinite(ratio) or ratio == 0:
         return None
     for factor in _unit_ratios():
         if abs(math.log(ratio * factor)) < math.log(ABOUT):
-            return _told(
+            return _mismatch(
                 f"Your vertices are {ratio:.3g} times as large as your landmarks: the two look to be in "
                 "different units",
                 f"multiply the vertices by {factor:g}, or the landmarks by {1 / factor:g}",
@@ -47,7 +47,7 @@ def apart(
     signs = _flip(landmarks, mesh)
     if signs is not None:
         negated = " and ".join(name for name, sign in zip("xyz", signs, strict=True) if sign < 0)
-        return _told(
+        return _mismatch(
             "Your landmarks and your vertices look to be in different axes",
             f"negate {negated} of one of them, as the protocol wants",
             (landmarks, mesh, _centred(mesh * mesh.new_tensor(signs), landmarks)),
@@ -57,20 +57,20 @@ def apart(
         return None
     return Suspicion(
         "joints_and_vertices",
-        f"Your landmarks are {1000 * float(now.mean()):.0f} mm from your mesh on average: the two are about "
-        "different origins. Aligned scores are right, for both are aligned by themselves",
+        f"Your landmarks are {1000 * float(now.mean()):.0f} mm from your mesh on average: the two have "
+        "different origins. Aligned scores are right, because each is aligned without the other",
         confidence="note",
         measured=(1000 * float(now.mean()), None),
     )
 
 
-def _told(found: str, cure: str, points: tuple[Tensor, Tensor, Tensor]) -> Suspicion:
-    landmarks, mesh, mended = points
-    distances = [1000 * float(_distance(landmarks, some).mean()) for some in (mesh, mended)]
+def _mismatch(found: str, fix: str, points: tuple[Tensor, Tensor, Tensor]) -> Suspicion:
+    landmarks, mesh, corrected = points
+    distances = [1000 * float(_distance(landmarks, some).mean()) for some in (mesh, corrected)]
     return Suspicion(
         "joints_and_vertices",
         found,
-        cure,
+        fix,
         score="distance from landmark to mesh",
         confidence="certain",
         measured=(distances[0], distances[1]),
@@ -93,19 +93,19 @@ def _flip(landmarks: Tensor, mesh: Tensor) -> Signs | None:
 
 
 def _centred(mesh: Tensor, landmarks: Tensor) -> Tensor:
-    """The mesh where its landmarks are: the two centroids of a hand are two centimetres apart at most."""
+    """The mesh moved to the landmarks' centroid; the two centroids of a hand are at most 2 cm apart."""
     return mesh + landmarks.mean(dim=1, keepdim=True) - mesh.mean(dim=1, keepdim=True)
 
 
 def _distance(landmarks: Tensor, mesh: Tensor) -> Float[Tensor, " hand"]:
-    """Mean over the landmarks of the distance to the nearest vertex."""
+    """Mean distance of each hand's landmarks to the nearest vertex."""
     return torch.cdist(landmarks, mesh).amin(dim=2).mean(dim=1)
 
 
 def without_correspondence(
     hands: Hands, ground_truth: Float[Tensor, "hand vertex 3"], mesh: Float[Tensor, "hand vertex 3"]
 ) -> Suspicion | None:
-    """Is the mesh a hand whose points are in another order than the ground truth's?"""
+    """Check whether the vertices are in another order than the ground truth's."""
     aligned = align_official(hands.ground_truth, hands.prediction)
     landmark_error = float(point_errors(hands.ground_truth, aligned).mean())
     error = float(point_errors(ground_truth, align_official(ground_truth, mesh)).mean())
