@@ -32,9 +32,9 @@ RUN python3 -m venv /opt/venv \
  && awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > /tmp/uv.txt \
  && pip install --no-cache-dir --disable-pip-version-check --require-hashes -r /tmp/uv.txt \
  && uv pip install --verify-hashes --constraints requirements.lock \
-      --build-constraints requirements.lock --requirements pyproject.toml
+      --build-constraints requirements.lock --requirements pyproject.toml --extra train
 
-# Editable, because conf/ is beside the package, not inside it: users edit configurations, not wheels.
+# Editable, so that users of the image edit the configuration beside the package.
 COPY --chown=hand README.md LICENSE NOTICE ./
 COPY --chown=hand conf conf
 COPY --chown=hand hand_recon hand_recon

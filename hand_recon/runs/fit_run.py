@@ -49,7 +49,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
     folder = claim_results_folder(
         config.output or HydraConfig.get().runtime.output_dir,
     )
-    config = _adapted_to_data(config)
+    config = adapted_to_data(config)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     hand = build_hand(config)
     fitter = build_fitter(config, hand)
@@ -73,7 +73,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
     return write_results(folder, fit_in_parts(landmarks, fitter), hand.faces, options)
 
 
-def _adapted_to_data(config: DictConfig) -> DictConfig:
+def adapted_to_data(config: DictConfig) -> DictConfig:
     """The configuration with the landmark set of a file, or the seed of a dataset."""
     config = config.copy()
     data = config.get("data")

@@ -1,0 +1,188 @@
+"""Fits 3D hands to arrays of 2D landmarks: what `hand-recon fit` does, as a function."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from hydra import compose, initialize_config_dir
+from jaxtyping import Bool, Float, Int
+
+from hand_recon.command_line.configuration_files import CONF
+from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.fitting.fitted_hands import FittedHands
+from hand_recon.fitting.hands_file import HandRecords
+from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
+from hand_recon.fitting.in_parts import fit_in_parts
+from hand_recon.fitting.results import ResultOptions, write_results
+from hand_recon.runs.configuration import build_hand
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter
+
+SIDES = ("right", "left")
+"""Sides that a hand can have."""
+
+
+@dataclass(frozen=True)
+class ReconstructedHands:
+    """3D hands fitted to 2D landmarks, as NumPy arrays; numbers of hands without a result are NaN."""
+
+    parts: tuple[FittedHands, ...] = field(repr=False)
+    """The hands in their order, some at a time, as the library's own records."""
+    faces: Int[np.ndarray, "face 3"] = field(repr=False)
+    """Triangles of a right hand's mesh; a left hand's face the other way."""
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self.parts)
+
+    @property
+    def fitted(self) -> Bool[np.ndarray, " hand"]:
+        """Mask of the hands that had enough landmarks and a finite result."""
+        return np.concatenate([part.fitted.numpy() for part in self.parts])
+
+    @property
+    def vertices(self) -> Float[np.ndarray, "hand vertex 3"]:
+        """Mesh vertices, camera frame (x right, y down, z forward), metres."""
+        return np.concatenate([part.prediction.vertices.numpy() for part in self.parts])
+
+    @property
+    def landmarks_3d(self) -> Float[np.ndarray, "hand landmark=21 3"]:
+        """Landmarks, camera frame, metres."""
+        return self._column("landmarks_3d")
+
+    @property
+    def landmarks_2d(self) -> Float[np.ndarray, "hand landmark=21 2"]:
+        """Projections of `landmarks_3d`, pixels of the image."""
+        return self._column("landmarks_2d")
+
+    @property
+    def joint_angles_degrees(self) -> Float[np.ndarray, "hand joint=15 axis=3"]:
+        """Bend, splay and twist of each joint of `hand_recon.hand.skeleton.ARTICULATED`, degrees."""
+        return self._column("joint_angles_degrees")
+
+    def draw(self, path: str | Path, panel: int = 224) -> Path:
+        """Write a PNG with a row per hand: given, fitted, the mesh on them, the mesh from the side.
+
+        Args:
+            path: The file; not overwritten.
+            panel: Side of each panel, pixels.
+
+        Raises:
+            FileExistsError: The file is there already.
+            ValueError: No hand was fitted.
+        """
+        path = Path(path).expanduser()
+        if path.exists():
+            raise FileExistsError(f"{path} exists, and nothing is overwritten; name another file.")
+        rows, captions, number = [], [], 0
+        for part in self.parts:
+            for position, fitted in enumerate(part.fitted.tolist()):
+                if fitted:
+                    one = fitted_image(part, position, number)
+                    captions.append(one.caption)
+                    rows.append(draw_fitted(one, self.faces, panel))
+                number += 1
+        sheet = contact_sheet(rows, captions)
+        path.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
+        return path
+
+    def save(self, folder: str | Path, options: ResultOptions | None = None) -> Path:
+        """Write what `hand-recon fit` writes: fit.json, meshes and images.
+
+        Args:
+            folder: Where to; made if it is not there.
+            options: How much is written.
+
+        Raises:
+            FileExistsError: The folder already holds results.
+        """
+        folder = Path(folder).expanduser()
+        write_results(folder, self.parts, torch.from_numpy(self.faces), options)
+        return folder
+
+    def _column(self, name: str) -> Any:  # noqa: ANN401  # the property says which array
+        records: list[HandRecords] = [part.records() for part in self.parts]
+        return np.concatenate([getattr(one, name) for one in records])
+
+
+def fit_landmarks(
+    points: Any,  # noqa: ANN401  # anything that NumPy takes
+    *,
+    side: str | Sequence[str] = "right",
+    intrinsics: Any = None,  # noqa: ANN401
+    confidence: Any = None,  # noqa: ANN401
+    images: Sequence[str | Path | None] | None = None,
+    overrides: Sequence[str] = (),
+) -> ReconstructedHands:
+    """Fit 3D hands to 2D landmarks with knowledge of hands and a likelihood (Sec. 3.2-3.4).
+
+    Args:
+        points: 21 landmarks per hand in the order of MediaPipe, OpenPose and FreiHAND, pixels of the image
+            (pixel i covers [i, i + 1)): hand × 21 × 2, or 21 × 2 for one hand. NaN where one is missing.
+        side: `right` or `left`, one for all hands or one per hand.
+        intrinsics: Camera matrix, pixels: 3 × 3, or one per hand; none for an assumed camera of 500 px on a
+            crop of 224 px.
+        confidence: Detector confidence of each landmark, 0 to 1; none if unknown.
+        images: Image file of each hand, for drawing.
+        overrides: Settings of `hand-recon fit`, such as `prior=biomechanics` or `descent.steps=100`.
+
+    Raises:
+        ValueError: Shapes, sides or confidences are not as above.
+    """
+    landmarks = _landmark_set(points, side, intrinsics, confidence)
+    if images is not None:
+        files = tuple(None if one is None else Path(one) for one in images)
+        landmarks = replace(landmarks, images=files)
+    with initialize_config_dir(CONF, version_base="1.3"):
+        config = compose("fit", list(overrides))
+    config = adapted_to_data(config)
+    hand = build_hand(config)
+    parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand)))
+    return ReconstructedHands(parts, hand.faces.numpy())
+
+
+def _landmark_set(
+    points: Any,  # noqa: ANN401
+    side: str | Sequence[str],
+    intrinsics: Any,  # noqa: ANN401
+    confidence: Any,  # noqa: ANN401
+) -> LandmarkSet:
+    """The record that is fitted to, checked."""
+    found = np.asarray(points, dtype=np.float64)
+    array = found[None] if found.ndim == 2 else found
+    if array.ndim != 3 or array.shape[1:] != (21, 2) or not len(array):
+        raise ValueError(
+            f"points have the shape {found.shape}; expected hand × 21 × 2, or 21 × 2 for one hand: "
+            "pixels (u, v) of 21 landmarks, NaN where one is missing."
+        )
+    count = len(array)
+    sides = [side] * count if isinstance(side, str) else list(side)
+    if len(sides) != count or not set(sides) <= set(SIDES):
+        raise ValueError(
+            f"side is {side!r}; expected right or left, or one of them for each of {count} hands."
+        )
+    tensor = torch.from_numpy(array)
+    return LandmarkSet(
+        landmarks_2d=tensor,
+        labelled=tensor.isfinite().all(dim=-1),
+        left=torch.tensor([one == "left" for one in sides]),
+        names=tuple(str(number) for number in range(count)),
+        confidence=None if confidence is None else _per_hand("confidence", confidence, (count, 21)),
+        intrinsics=None
+        if intrinsics is None
+        else _per_hand("intrinsics", intrinsics, (count, 3, 3)),
+    )
+
+
+def _per_hand(name: str, values: Any, shape: tuple[int, ...]) -> torch.Tensor:  # noqa: ANN401
+    """An array of one entry per hand, or one entry for all."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in (shape, shape[1:]):
+        raise ValueError(f"{name} has the shape {array.shape}; expected {shape} or {shape[1:]}.")
+    if name == "confidence" and not bool((np.isnan(array) | ((array >= 0) & (array <= 1))).all()):
+        raise ValueError(
+            "A confidence is not between 0 and 1; a detector's raw score is no confidence."
+        )
+    return torch.from_numpy(np.broadcast_to(array, shape).copy())
