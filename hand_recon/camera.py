@@ -19,7 +19,7 @@ REFERENCE_SIZE: Final = float(schema.REFERENCE_SIZE)
 """Side of the paper's crop, pixels; the data term and σ are measured in pixels of this crop."""
 
 REFERENCE_FOCAL: Final = 500.0
-"""Focal length on the reference crop, pixels (the authors' constants; `docs/decisions.md`)."""
+"""Focal length on the reference crop, pixels (the authors' constants; decision 5)."""
 
 LOG_SCALE_CENTRE: Final = 6.55
 """Log scale at which `bounded_log_scale` changes nothing: a hand of 18 cm spans half of the crop."""
@@ -78,7 +78,7 @@ def bounded_log_scale(raw: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """Bound the log scale to 5.5–7.6: a hand of 18 cm spans between a fifth of the crop and 1.6 crops.
 
     Without a bound, training shrinks every hand to a dot while orientations are still wrong: a dot has the
-    smallest squared error, and at that distance the gradient is too small to recover (`docs/decisions.md`).
+    smallest squared error, and at that distance the gradient is too small to recover (decision 22).
     """
     return LOG_SCALE_CENTRE + LOG_SCALE_REACH * torch.tanh(
         (raw - LOG_SCALE_CENTRE) / LOG_SCALE_REACH
@@ -134,7 +134,7 @@ def rotation_between(
 def six_d_to_rotation(six: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3 3"]:
     """Convert six numbers, a rotation's first two columns, by Gram–Schmidt (Zhou et al., CVPR 2019).
 
-    The authors' code has Euler angles for the root, which lock at ±90° (`docs/decisions.md`).
+    The authors' code has Euler angles for the root, which lock at ±90° (decision 3).
     """
     first = torch.nn.functional.normalize(six[..., :3], dim=-1)
     rest = six[..., 3:] - (first * six[..., 3:]).sum(dim=-1, keepdim=True) * first

@@ -3,7 +3,7 @@
 Each joint has an orthonormal frame at rest: x along the child bone towards the wrist (twist), y dorsal
 (splay), z the axis of flexion (bend). The rotation of the child segment from the anatomical neutral is
 `R_y(splay) R_x(twist) R_z(bend)`. Twist, the axis with the least freedom, is in the middle, so the angles
-lock only at ±90° of twist, which no joint reaches (`docs/decisions.md`).
+lock only at ±90° of twist, which no joint reaches (decision 1).
 """
 
 import torch

@@ -48,7 +48,7 @@ class FunctionalAnatomy:
     """Type (i), Eq. 2: the farther an MCP is bent, the less it can splay."""
     bend_by_splay: bool = False
     """The reverse that the text asks for: the farther an MCP is splayed, the less it can bend. Off: it
-    forbids what `splay_by_bend` forbids, in degrees of bend, and costs accuracy (`docs/decisions.md`)."""
+    forbids what `splay_by_bend` forbids, in degrees of bend, and costs accuracy (decision 24)."""
     pip_by_dip: bool = True
     """Type (ii), Eq. 3: a PIP does not overstretch while its DIP is flexed."""
     thumb_cmc: bool = True

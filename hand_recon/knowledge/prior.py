@@ -17,7 +17,7 @@ class Prior(nn.Module):
     """A sum of weighted terms; with those of `default`, λ₁ L_pose + λ₂ L_non-penetration + λ₃ L_shape.
 
     Weights balance a data term that is summed over landmarks in pixels of a 224-pixel crop
-    (`docs/decisions.md`). In a training loop of your own:
+    (decision 7). In a training loop of your own:
 
     >>> import torch
     >>> from hand_recon.hand.open_hand import open_hand

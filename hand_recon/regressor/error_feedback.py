@@ -43,7 +43,7 @@ class Regressor(nn.Module):
     As in the authors' network, each round sees the features and its own last answer and predicts a correction
     through two linear layers. Unlike there, log σ is not part of what is fed back: the squared error of the
     first stage would use it as a memory, and leave values that no likelihood can start from
-    (`docs/decisions.md`). Where landmarks are the input, a round can also see
+    (decision 27). Where landmarks are the input, a round can also see
     how far its last answer projects from them: error feedback in the words' first sense (Carreira et al.,
     CVPR 2016), which an image does not allow.
 
@@ -140,7 +140,7 @@ class Regressor(nn.Module):
         """The same answer, with the two columns of its rotation orthonormal again.
 
         Their lengths mean nothing, and yet decide how far the next round's correction turns the hand
-        (`docs/decisions.md`).
+        (decision 49).
         """
         parts = self._parts(state)
         parts["root"] = six_d_to_rotation(parts["root"])[..., :2].mT.flatten(-2)
@@ -197,7 +197,7 @@ class Regressor(nn.Module):
 def _initial_state() -> Float[Tensor, " state"]:
     """Where the feedback starts: a slightly bent hand, upright, that fills two thirds of the crop.
 
-    The authors' starting values are not public; these follow from the camera (`docs/decisions.md`).
+    The authors' starting values are not public; these follow from the camera (decision 6).
     """
     angles = torch.zeros(15, 3)
     angles[:, 0] = 0.3

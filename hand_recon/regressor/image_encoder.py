@@ -27,7 +27,7 @@ class ImageEncoder(Encoder):
         weights: `imagenet`, `none`, or the path of a state dict in torchvision's layout.
         grid: The features are averaged over a grid of this many cells per side. 1 is the paper's
             average pool; 2 or more keeps where things are, which a small network trained from
-            scratch needs (`docs/decisions.md`).
+            scratch needs (decision 19).
 
     Raises:
         ValueError: The backbone is unknown.

@@ -19,7 +19,7 @@ class LandmarkEncoder(Encoder):
 
     In training, some landmarks are dropped from the input while their labels still count in the loss. Their
     residuals are then errors of the lifter and of the label. Without this, the network could copy every
-    label, outliers included, and no σ could be learnt (`docs/decisions.md`).
+    label, outliers included, and no σ could be learnt (decision 31).
 
     Args:
         width: Size of the hidden layers, and number of features.

@@ -1,7 +1,7 @@
 """One value per hand from residuals and σ: the squared error, Eq. 7 and its relatives (Sec. 3.3).
 
 A term is a sum over 42 coordinates in pixels of a 224-pixel crop: only so do the weights of the
-prior mean what they do in the paper (`docs/decisions.md`).
+prior mean what they do in the paper (decision 7).
 """
 
 import math

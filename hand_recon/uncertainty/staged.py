@@ -76,7 +76,7 @@ class Staged(DataTerm):
         keep_balance: Multiply the second stage by what makes up for its smaller pull, 2σ̄² for Eq. 7, σ̄
             being the RMS of the residuals at the switch: the likelihood then weighs landmarks against
             each other as Eq. 7 does, and all of them together against the prior as the first stage did.
-            Without, it is Eq. 7 to the letter, and the prior gains by 2σ̄² (`docs/decisions.md`).
+            Without, it is Eq. 7 to the letter, and the prior gains by 2σ̄² (decision 29).
 
     Raises:
         ValueError: The unit is unknown, or the time leaves no first stage or is no share.

@@ -1,7 +1,7 @@
 """The hand's surface cut into closed parts: the palm and fourteen phalanges (Sec. 3.2, Eq. 4).
 
 Skinning folds the skin where two parts meet, and a fold is no penetration. Asking each part by itself whether
-a point is inside tells the two apart (`docs/decisions.md`), and asks few triangles.
+a point is inside tells the two apart (decision 35), and asks few triangles.
 """
 
 from dataclasses import dataclass
