@@ -1,1 +1,1 @@
-"""Pictures for people: overlays, curves and the report."""
+"""Images for people: overlays, learning curves, the paper's figures, the report of a run."""

@@ -4,11 +4,9 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 
 def read_log(path: Path) -> dict[str, list[tuple[float, float]]]:
-    """Every logged quantity as (epoch, value), from Lightning's `metrics.csv`."""
+    """Read Lightning's `metrics.csv`: (epoch, value) of every logged quantity, by name."""
     series: dict[str, list[tuple[float, float]]] = {}
     with path.open(newline="") as stream:
         for row in csv.DictReader(stream):
@@ -23,11 +21,14 @@ def draw_curves(log: Path, target: Path) -> list[str]:
 
     Args:
         log: Lightning's `metrics.csv`.
-        target: PNG to write.
+        target: PNG file to write.
 
     Returns:
-        The names of the quantities drawn.
+        Names of the quantities that were drawn.
     """
+    # Half a second, which commands that draw no curves should not wait for.
+    from matplotlib.figure import Figure
+
     series = read_log(log)
     panels = [
         _Panel("Loss", _present(series, "train/loss", "val/loss"), logarithmic=True),
@@ -41,7 +42,7 @@ def draw_curves(log: Path, target: Path) -> list[str]:
         _Panel("2D error, pixels of a 224-pixel crop", _present(series, "val/E_2D")),
     ]
     panels = [panel for panel in panels if panel.names]
-    # A figure without pyplot: no display, and no global state.
+    # Without pyplot, which keeps global state and may ask for a display.
     figure = Figure(figsize=(10, 3.2 * max(1, (len(panels) + 1) // 2)), layout="constrained")
     for position, panel in enumerate(panels, start=1):
         axes = figure.add_subplot((len(panels) + 1) // 2, 2, position)
@@ -61,7 +62,7 @@ def draw_curves(log: Path, target: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class _Panel:
-    """One set of axes."""
+    """The quantities on one set of axes."""
 
     title: str
     names: list[str]

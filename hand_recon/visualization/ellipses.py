@@ -14,7 +14,7 @@ from hand_recon.visualization.canvas import background
 from hand_recon.visualization.overlay import FINGER_COLOURS
 
 SIGMA_LEVELS: Final = (1.0, 2.0)
-"""How many σ the ellipses reach to; the first is filled."""
+"""Half axes of the ellipses, in σ; the first ellipse is filled."""
 
 _OPACITY: Final = 0.35
 _FRACTION_BITS: Final = 4
@@ -25,12 +25,12 @@ def covariances(
     correlation: Float[torch.Tensor, "*batch landmark"] | None,
     size: int,
 ) -> Float[np.ndarray, "*batch landmark 2 2"]:
-    """Covariance matrices of landmarks in a picture, squared pixels of that picture.
+    """Compute covariance matrices of landmarks in an image, squared pixels of that image.
 
     Args:
         log_sigma: Logarithm of σ along u and v, σ in pixels of a 224-pixel crop.
-        correlation: Of the two coordinates, −1 to 1; none for zero.
-        size: Side of the picture, pixels.
+        correlation: Correlation of the two coordinates, −1 to 1; None for zero.
+        size: Side of the image, pixels.
     """
     sigma = log_sigma.detach().double().cpu().exp().numpy() * (size / REFERENCE_SIZE)
     matrices = sigma[..., :, None] * sigma[..., None, :]
@@ -43,14 +43,13 @@ def covariances(
 def principal_axes(
     covariance: Float[np.ndarray, "*batch 2 2"],
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch"]]:
-    """The ellipse of one σ.
+    """Half axes and angle of the one-σ ellipse.
 
     Args:
         covariance: Symmetric, squared pixels.
 
     Returns:
-        Half the long and half the short axis, pixels; and the long axis' angle from u (right) towards v
-        (down), radians.
+        Long and short half axis, pixels; angle of the long axis from u (right) towards v (down), radians.
     """
     variances, directions = np.linalg.eigh(covariance)
     long = directions[..., :, 1]
@@ -64,33 +63,33 @@ def draw_ellipses(
     covariance: Float[np.ndarray, "landmark=21 2 2"],
     shown: Bool[np.ndarray, "landmark=21"] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Ellipses of `SIGMA_LEVELS` over a copy of an image, in the colours of the fingers, largest first.
+    """Draw the ellipses of `SIGMA_LEVELS` on a copy of an image, in the fingers' colours, largest first.
 
     Args:
         image: RGB.
         landmarks: Centres, pixels, pixel i covering [i, i + 1).
-        covariance: Squared pixels.
-        shown: Landmarks to draw; without it, all. What is not finite is never drawn.
+        covariance: Covariance of each landmark, squared pixels.
+        shown: Mask of the landmarks to draw; without it, all. Those that are not finite are never drawn.
     """
     finite = np.isfinite(landmarks).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     shown = finite if shown is None else shown & finite
     canvas = np.ascontiguousarray(image.copy())
     width = max(1, image.shape[0] // 220)
     halves, angles = principal_axes(np.where(finite[:, None, None], covariance, 0.0))
-    order = [place for place in np.argsort(-halves.prod(axis=1)).tolist() if shown[place]]
-    for place in order:
-        colour = FINGER_COLOURS[max(place - 1, 0) // 4]
+    order = [index for index in np.argsort(-halves.prod(axis=1)).tolist() if shown[index]]
+    for index in order:
+        colour = FINGER_COLOURS[max(index - 1, 0) // 4]
         for level, thickness in zip(SIGMA_LEVELS, (cv2.FILLED, width), strict=True):
             layer = canvas.copy()
-            ellipse = _Ellipse(landmarks[place], level * halves[place], float(angles[place]))
+            ellipse = _Ellipse(landmarks[index], level * halves[index], float(angles[index]))
             _draw(layer, ellipse, colour, thickness)
             opacity = _OPACITY if thickness == cv2.FILLED else 0.8
             canvas = cv2.addWeighted(layer, opacity, canvas, 1 - opacity, 0)
-    for place in order:
-        parent = LANDMARK_PARENTS[place]
-        colour = FINGER_COLOURS[max(place - 1, 0) // 4]
+    for index in order:
+        parent = LANDMARK_PARENTS[index]
+        colour = FINGER_COLOURS[max(index - 1, 0) // 4]
         if parent >= 0 and shown[parent]:
-            ends = [_fixed(landmarks[end] - 0.5) for end in (parent, place)]
+            ends = [_fixed(landmarks[end] - 0.5) for end in (parent, index)]
             cv2.line(canvas, ends[0], ends[1], colour, width, cv2.LINE_AA, _FRACTION_BITS)
     drawn: UInt8[np.ndarray, "height width 3"] = np.asarray(canvas, dtype=np.uint8)
     return drawn
@@ -106,18 +105,18 @@ class _Ellipse:
 def ellipse_panels(
     batch: HandBatch, prediction: HandPrediction, panel: int = 224
 ) -> list[UInt8[np.ndarray, "height width 3"]]:
-    """Each crop with the ellipses of its predicted landmarks; on white where there is no picture.
+    """Draw each crop with the ellipses of its predicted landmarks; on white for a crop without an image.
 
     Args:
         batch: Images as bytes, or as floats 0–1.
-        prediction: Of these images.
-        panel: Side, pixels.
+        prediction: Predictions for these images.
+        panel: Side of each panel, pixels.
     """
     centres = (prediction.landmarks_2d * (panel / batch.crop_size)).double().cpu().numpy()
-    spread = covariances(prediction.log_sigma, prediction.correlation, panel)
+    matrices = covariances(prediction.log_sigma, prediction.correlation, panel)
     return [
-        draw_ellipses(background(image, panel), centres[place], spread[place])
-        for place, image in enumerate(batch.image)
+        draw_ellipses(background(image, panel), centres[index], matrices[index])
+        for index, image in enumerate(batch.image)
     ]
 
 
@@ -127,7 +126,7 @@ def _draw(
     colour: tuple[int, int, int],
     thickness: int,
 ) -> None:
-    # OpenCV draws on pixel centres at whole numbers, in 1/16 pixels here.
+    # OpenCV's pixel centres are at whole numbers; coordinates are in 1/16 pixel.
     halves = np.minimum(ellipse.halves, 8.0 * max(canvas.shape))
     cv2.ellipse(
         canvas, _fixed(ellipse.centre - 0.5), _fixed(halves), float(np.degrees(ellipse.angle)),

@@ -1,4 +1,4 @@
-"""Test images with what was predicted on them: landmarks, the mesh in place, and the mesh from the side."""
+"""Test images with the predicted landmarks, the mesh on the image, and the mesh from the side."""
 
 from typing import Final
 
@@ -15,10 +15,11 @@ from hand_recon.visualization.canvas import background
 FINGER_COLOURS: Final = (
     (30, 30, 30), (240, 190, 20), (40, 160, 70), (50, 100, 220), (205, 50, 160),
 )  # fmt: skip
-"""Thumb black, index yellow, middle green, ring blue, little magenta: the paper's Fig. 4."""
+"""RGB colours of the fingers, as in the paper's Fig. 4: thumb black, index yellow, middle green, ring blue,
+little magenta."""
 
 COLUMNS: Final = ("image and labels", "predicted landmarks", "mesh on the image", "from the side")
-"""What the panels of a row show."""
+"""Titles of the panels of a row."""
 
 
 def draw_landmarks(
@@ -26,17 +27,17 @@ def draw_landmarks(
     landmarks: Float[np.ndarray, "landmark=21 2"],
     shown: Bool[np.ndarray, "landmark=21"] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The skeleton over a copy of an image, one colour per finger.
+    """Draw the skeleton on a copy of an image, one colour per finger.
 
     Args:
         image: RGB.
         landmarks: Pixels, pixel i covering [i, i + 1).
-        shown: Landmarks to draw; without it, all that are finite.
+        shown: Mask of the landmarks to draw; without it, all that are finite.
     """
     finite = np.isfinite(landmarks).all(axis=1)
     shown = finite if shown is None else shown & finite
     canvas = np.ascontiguousarray(image.copy())
-    # OpenCV draws on pixel centres at whole numbers, in 1/16 pixels here.
+    # OpenCV's pixel centres are at whole numbers; coordinates are in 1/16 pixel.
     fixed = np.where(finite[:, None], (landmarks - 0.5) * 16, 0).clip(-(2**20), 2**20)
     points = [tuple(int(value) for value in point) for point in fixed.round()]
     width = max(1, image.shape[0] // 110)
@@ -57,26 +58,26 @@ def rows(
     faces: Int[torch.Tensor, "face 3"],
     panel: int = 224,
 ) -> list[UInt8[np.ndarray, "height width 3"]]:
-    """One picture per hand of a batch, with the panels that `COLUMNS` names.
+    """Draw one row per hand of a batch, with the panels of `COLUMNS`.
 
     Args:
         batch: Images as bytes, or as floats 0–1, with their labels.
-        prediction: Of these images.
-        faces: The hand's triangles.
+        prediction: Predictions for these images.
+        faces: Triangles of the hand.
         panel: Side of each panel, pixels.
     """
     scale = panel / batch.crop_size
     cameras = prediction.intrinsics.double().cpu().numpy().copy()
     cameras[:, :2] *= scale
     triangles = faces.cpu().numpy()
-    pictures = []
+    drawn = []
     for index in range(len(batch)):
         image = background(batch.image[index], panel)
         labels = (batch.landmarks_2d[index] * scale).cpu().numpy()
         landmarks = (prediction.landmarks_2d[index] * scale).cpu().numpy()
         vertices = prediction.vertices[index].double().cpu().numpy()
         mesh = shade(vertices, triangles, cameras[index], panel).over(image, opacity=0.8)
-        pictures.append(
+        drawn.append(
             np.concatenate(
                 [
                     draw_landmarks(image, labels, batch.labelled[index].cpu().numpy()),
@@ -87,4 +88,4 @@ def rows(
                 axis=1,
             )
         )
-    return pictures
+    return drawn

@@ -1,4 +1,4 @@
-"""The paper's pictures of what knowledge (Fig. 3) and the likelihood (Fig. 4) do to single hands."""
+"""The paper's figures: the effect of knowledge (Fig. 3) and of the likelihood (Fig. 4) on single hands."""
 
 from collections.abc import Sequence
 
@@ -20,19 +20,19 @@ Sheet = UInt8[np.ndarray, "sheet_height sheet_width 3"]
 
 
 def mean_sigma(prediction: HandPrediction) -> Float[np.ndarray, " hand"]:
-    """σ averaged over the coordinates of each hand's landmarks, pixels of a 224-pixel crop."""
+    """Mean σ over the coordinates of each hand's landmarks, pixels of a 224-pixel crop."""
     return prediction.log_sigma.detach().double().exp().mean(dim=(-2, -1)).cpu().numpy()
 
 
 def rank_by_uncertainty(
     batch: HandBatch, prediction: HandPrediction, count: int = 6, panel: int = 224
 ) -> Sheet:
-    """The hands of largest and of smallest mean σ, each with its ellipses below it (Fig. 4b).
+    """Draw the hands of largest and of smallest mean σ, each with its ellipses below it (Fig. 4b).
 
     Args:
         batch: Images with their labels.
-        prediction: Of these images.
-        count: Hands at either end; fewer where there are fewer than twice as many.
+        prediction: Predictions for these images.
+        count: Hands of largest and hands of smallest σ; at most half of the hands each.
         panel: Side of each panel, pixels.
 
     Raises:
@@ -44,15 +44,15 @@ def rank_by_uncertainty(
     ends = {"largest σ": order[:count].tolist(), "smallest σ": order[::-1][:count].tolist()}
     with_ellipses = ellipse_panels(batch, prediction, panel)
     rows: list[list[Panel]] = []
-    for places in ends.values():
-        rows.append([Panel(_seen(batch, place, panel)) for place in places])
+    for hands in ends.values():
+        rows.append([Panel(_input(batch, hand, panel)) for hand in hands])
         rows.append(
             [
                 Panel(
-                    with_ellipses[place],
-                    f"test hand {int(batch.index[place])}: σ {sigma[place]:.1f} px",
+                    with_ellipses[hand],
+                    f"test hand {int(batch.index[hand])}: σ {sigma[hand]:.1f} px",
                 )
-                for place in places
+                for hand in hands
             ]
         )
     return sheet(rows, names=[name for end in ends for name in (end, "1σ and 2σ")])
@@ -65,15 +65,15 @@ def before_after(
     errors: Errors | None = None,
     panel: int = 224,
 ) -> Sheet:
-    """Every hand as several models see it, from the front and from the side (Fig. 3).
+    """Draw every hand as several models predict it, from the front and from the side (Fig. 3).
 
-    The first column has the labels on the image and, where there is ground truth of this hand's mesh, the
-    truth from the side.
+    The first column has the labels on the image, and the ground-truth mesh from the side where there is one
+    with these triangles.
 
     Args:
-        columns: Titles, and what each model says of the batch.
+        columns: Titles, and each model's predictions for the batch.
         batch: Images with their labels.
-        faces: The hand's triangles.
+        faces: Triangles of the hand.
         errors: E_J of each column and hand, millimetres, for the captions.
         panel: Side of each panel, pixels.
 
@@ -81,16 +81,16 @@ def before_after(
         ValueError: There is no column.
     """
     if not columns:
-        raise ValueError("Nothing to compare: give one or more predictions.")
+        raise ValueError("Found no prediction to compare; expected one or more predictions. Give a column.")
     triangles = faces.cpu().numpy()
     rows: list[list[Panel | None]] = []
-    for place in range(len(batch)):
-        front: list[Panel | None] = [Panel(_labelled(batch, place, panel))]
-        side = [_truth_from_the_side(batch, place, triangles, panel)]
+    for hand in range(len(batch)):
+        front: list[Panel | None] = [Panel(_labelled(batch, hand, panel))]
+        side = [_ground_truth_from_the_side(batch, hand, triangles, panel)]
         for column, (_, prediction) in enumerate(columns):
-            front.append(Panel(mesh_on_image(batch, prediction, place, triangles, panel)))
-            vertices = prediction.vertices[place].detach().double().cpu().numpy()
-            caption = _caption(errors, column, place)
+            front.append(Panel(mesh_on_image(batch, prediction, hand, triangles, panel)))
+            vertices = prediction.vertices[hand].detach().double().cpu().numpy()
+            caption = _caption(errors, column, hand)
             side.append(Panel(from_the_side(vertices, triangles, panel), caption))
         rows += [front, side]
     names = [
@@ -106,12 +106,12 @@ def likelihood_effect(
     errors: Errors | None = None,
     panel: int = 224,
 ) -> Sheet:
-    """One row per hand: its labels, what each model makes of it, and the last one's ellipses (Fig. 4a).
+    """Draw a row per hand: its labels, each model's mesh, and the last model's ellipses (Fig. 4a).
 
     Args:
-        columns: Titles, and what each model says of the batch; the last one has learnt σ.
+        columns: Titles, and each model's predictions for the batch; the last model has learnt σ.
         batch: Images with their labels.
-        faces: The hand's triangles.
+        faces: Triangles of the hand.
         errors: E_J of each column and hand, millimetres, for the captions.
         panel: Side of each panel, pixels.
 
@@ -119,22 +119,22 @@ def likelihood_effect(
         ValueError: There is no column.
     """
     if not columns:
-        raise ValueError("Nothing to compare: give one or more predictions.")
+        raise ValueError("Found no prediction to compare; expected one or more predictions. Give a column.")
     triangles = faces.cpu().numpy()
     sigma, uncertain = mean_sigma(columns[-1][1]), ellipse_panels(batch, columns[-1][1], panel)
     rows = [
         [
-            Panel(_labelled(batch, place, panel), f"test hand {int(batch.index[place])}"),
+            Panel(_labelled(batch, hand, panel), f"test hand {int(batch.index[hand])}"),
             *(
                 Panel(
-                    mesh_on_image(batch, prediction, place, triangles, panel),
-                    _caption(errors, column, place),
+                    mesh_on_image(batch, prediction, hand, triangles, panel),
+                    _caption(errors, column, hand),
                 )
                 for column, (_, prediction) in enumerate(columns)
             ),
-            Panel(uncertain[place], f"mean σ {sigma[place]:.1f} px"),
+            Panel(uncertain[hand], f"mean σ {sigma[hand]:.1f} px"),
         ]
-        for place in range(len(batch))
+        for hand in range(len(batch))
     ]
     return sheet(rows, ["labels", *(title for title, _ in columns), "1σ and 2σ"])
 
@@ -142,58 +142,58 @@ def likelihood_effect(
 def mesh_on_image(
     batch: HandBatch,
     prediction: HandPrediction,
-    place: int,
+    hand: int,
     triangles: Int[np.ndarray, "face 3"],
     panel: int,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The mesh where the camera sees it; without a picture, on white and under the labels.
+    """Draw the predicted mesh on the image; without an image, on white with the labels over it.
 
     Args:
-        batch: Images, or landmarks alone.
-        prediction: Of the batch.
-        place: Of the hand in the batch.
-        triangles: The hand's faces.
-        panel: Side, pixels.
+        batch: Images, or landmarks without images.
+        prediction: Predictions for the batch.
+        hand: Index of the hand in the batch.
+        triangles: Triangles of the hand.
+        panel: Side of the panel, pixels.
     """
-    camera = prediction.intrinsics[place].detach().double().cpu().numpy().copy()
+    camera = prediction.intrinsics[hand].detach().double().cpu().numpy().copy()
     camera[:2] *= panel / batch.crop_size
-    vertices = prediction.vertices[place].detach().double().cpu().numpy()
+    vertices = prediction.vertices[hand].detach().double().cpu().numpy()
     shaded = shade(vertices, triangles, camera, panel)
-    picture = shaded.over(background(batch.image[place], panel), opacity=0.8)
-    return picture if batch.image.numel() else _with_labels(picture, batch, place)
+    image = shaded.over(background(batch.image[hand], panel), opacity=0.8)
+    return image if batch.image.numel() else _with_labels(image, batch, hand)
 
 
-def _seen(batch: HandBatch, place: int, panel: int) -> UInt8[np.ndarray, "height width 3"]:
-    """What the model was given: the bare picture, or the landmarks."""
+def _input(batch: HandBatch, hand: int, panel: int) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw the input of the model: the image, or the landmarks."""
     if batch.image.numel():
-        return background(batch.image[place], panel)
-    return _labelled(batch, place, panel)
+        return background(batch.image[hand], panel)
+    return _labelled(batch, hand, panel)
 
 
-def _labelled(batch: HandBatch, place: int, panel: int) -> UInt8[np.ndarray, "height width 3"]:
-    return _with_labels(background(batch.image[place], panel), batch, place)
+def _labelled(batch: HandBatch, hand: int, panel: int) -> UInt8[np.ndarray, "height width 3"]:
+    return _with_labels(background(batch.image[hand], panel), batch, hand)
 
 
 def _with_labels(
-    picture: UInt8[np.ndarray, "height width 3"], batch: HandBatch, place: int
+    image: UInt8[np.ndarray, "height width 3"], batch: HandBatch, hand: int
 ) -> UInt8[np.ndarray, "height width 3"]:
-    scale = picture.shape[0] / batch.crop_size
-    labels = (batch.landmarks_2d[place] * scale).double().cpu().numpy()
-    return draw_landmarks(picture, labels, batch.labelled[place].cpu().numpy())
+    scale = image.shape[0] / batch.crop_size
+    labels = (batch.landmarks_2d[hand] * scale).double().cpu().numpy()
+    return draw_landmarks(image, labels, batch.labelled[hand].cpu().numpy())
 
 
-def _truth_from_the_side(
-    batch: HandBatch, place: int, triangles: Int[np.ndarray, "face 3"], panel: int
+def _ground_truth_from_the_side(
+    batch: HandBatch, hand: int, triangles: Int[np.ndarray, "face 3"], panel: int
 ) -> Panel | None:
     if batch.vertices is None or batch.vertices.shape[1] != triangles.max() + 1:
         return None
-    vertices = batch.vertices[place].double().cpu().numpy()
+    vertices = batch.vertices[hand].double().cpu().numpy()
     if not np.isfinite(vertices).all():
         return None
     return Panel(from_the_side(vertices, triangles, panel), "ground truth")
 
 
-def _caption(errors: Errors | None, column: int, place: int) -> str:
-    if errors is None or not np.isfinite(errors[column, place]):
+def _caption(errors: Errors | None, column: int, hand: int) -> str:
+    if errors is None or not np.isfinite(errors[column, hand]):
         return ""
-    return f"E_J {errors[column, place]:.1f} mm"
+    return f"E_J {errors[column, hand]:.1f} mm"

@@ -1,4 +1,4 @@
-"""One HTML page per run that opens without a network: scores, curves, overlays, settings."""
+"""Report of a run: one HTML page without external files, with scores, curves, overlays and settings."""
 
 import base64
 from dataclasses import dataclass
@@ -31,32 +31,33 @@ SCORES = {
     "AUSE": "area between the sparsification curves by σ and by the error itself",
     "sigma_median": "median of σ, pixels of a 224-pixel crop",
 }
-"""What the scores mean, in the order in which they are shown; others follow in their own order."""
+"""Explanations of the scores, in the order of the page; other scores follow in their own order."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a report shows."""
+    """Content of a report."""
 
     title: str
+    """Title of the page."""
     scores: dict[str, float]
-    """Of this model on the test hands."""
+    """Scores of this model on the test hands."""
     baseline: dict[str, float]
-    """Of the constant mean pose on the same hands; empty where there is no 3D."""
+    """Scores of the constant mean pose on the same hands; empty without 3D ground truth."""
     facts: dict[str, Any]
-    """Anything else worth a line."""
+    """Further lines about the run, by name."""
     overlays: tuple[Path, ...]
-    """One picture per test hand, best first."""
+    """Overlays (PNG) of test hands, smallest error first."""
     curves: Path | None
-    """Learning curves."""
+    """Learning curves (PNG)."""
     config: str
     """Resolved settings, YAML."""
     figures: tuple[tuple[str, Path], ...] = ()
-    """Further pictures (PNG) with what each shows, in the order in which they are shown."""
+    """Captions and files (PNG) of further figures, in the order of the page."""
 
 
 def write_report(report: Report, target: Path) -> None:
-    """Write the page, pictures embedded."""
+    """Write the page with all images embedded."""
     source = (files("hand_recon.visualization") / "run_report.html.jinja").read_text(
         encoding="utf-8"
     )
@@ -78,5 +79,5 @@ def write_report(report: Report, target: Path) -> None:
 
 
 def embedded(path: Path) -> str:
-    """A PNG as the address of itself, for pages that open without a network."""
+    """A PNG file as a base64 data URI."""
     return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

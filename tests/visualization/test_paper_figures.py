@@ -60,7 +60,7 @@ def test_panels_stand_in_their_rows_and_columns() -> None:
 
 @pytest.mark.parametrize("rows", [[], [[]], [[Panel(plain(0))], []]])
 def test_a_sheet_needs_rows_of_one_length(rows: list[list[Panel | None]]) -> None:
-    with pytest.raises(ValueError, match="rows of one length"):
+    with pytest.raises(ValueError, match="expected rows of one length"):
         sheet(rows)
 
 
@@ -145,5 +145,5 @@ def test_without_a_picture_the_mesh_lies_under_its_labels_on_white(
 def test_a_figure_of_no_model_is_refused(scene: Scene, hand: HandModel) -> None:
     batch, _ = scene
     for figure in (before_after, likelihood_effect):
-        with pytest.raises(ValueError, match="one or more predictions"):
+        with pytest.raises(ValueError, match="expected one or more predictions"):
             figure([], batch, hand.faces)
