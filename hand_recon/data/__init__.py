@@ -1,1 +1,1 @@
-"""From files, or from nothing, to batches of hands: crops, augmentation, datasets (Sec. 4.1)."""
+"""Datasets, crops and augmentation: image files or rendered hands to batches (Sec. 4.1)."""

@@ -1,4 +1,4 @@
-"""Crops of annotated images as a dataset: one way from any files to samples (Sec. 4.1)."""
+"""Dataset of crops of annotated images, shared by all datasets with image files (Sec. 4.1)."""
 
 from dataclasses import dataclass, field
 
@@ -16,36 +16,36 @@ from hand_recon.schema import HandSample
 
 @dataclass(frozen=True)
 class ImageRecipe:
-    """How a dataset's crops are cut out and read."""
+    """Settings for cutting and reading a dataset's crops."""
 
     crop: CropPolicy = field(default_factory=CropPolicy)
     """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged images are too many."""
+    """Caches and the number of damaged images allowed."""
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What a benchmark needs to know of its test hands."""
+    """Facts about the test hands that a benchmark's protocol needs."""
 
     protocol: str
     """A key of `hand_recon.protocols.benchmarks.PROTOCOLS`."""
     ids: Int[np.ndarray, " sample"] | None = None
-    """What each hand is called in a file of results; none where its place says it."""
+    """Id of each hand in a results file; None where the position in the file is the id."""
     wrists: Float[np.ndarray, "sample 3"] | None = None
-    """Where each wrist is told to be, camera frame, metres."""
+    """Given position of each wrist, camera frame, metres."""
     left_out: int = 0
-    """Test hands of the benchmark that are not among these."""
+    """Number of the benchmark's test hands that are missing here."""
 
 
 class AnnotatedImages(Dataset[HandSample]):
-    """Some rows of a table of annotated images. Left hands come mirrored, as right ones.
+    """Dataset of some rows of a table of annotated images; left hands are mirrored to right ones.
 
-    An image that cannot be read is skipped with a warning, and the next one takes its place.
+    An image that cannot be read is skipped with a warning and replaced by the next readable one.
     """
 
     benchmark: Benchmark | None = None
-    """Whose test hands these are; none for training hands, and for hands that were held out of them."""
+    """Benchmark of these test hands; None for training hands and for hands held out of them."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class AnnotatedImages(Dataset[HandSample]):
         *,
         cached_rows: Int[np.ndarray, " cached"] | None = None,
     ) -> None:
-        """Open, or make, the cache of crops if there is a folder for it.
+        """Open the cache of crops, or build it, if a cache folder is set.
 
         Args:
             hands: The whole table.
-            rows: Those of this split, in its order; none for all.
-            recipe: How to cut and read.
-            cached_rows: Those that some split may ask for, so that all share one cache; by default this
-                split's own.
+            rows: Rows of this split, in its order; None for all.
+            recipe: Settings for cutting and reading.
+            cached_rows: Rows that any split may read, so that all splits share one cache; by default this
+                split's rows.
 
         Raises:
             RuntimeError: More images are damaged than allowed.
@@ -77,7 +77,7 @@ class AnnotatedImages(Dataset[HandSample]):
         return len(self.rows)
 
     def __getitem__(self, index: int) -> HandSample:
-        """The sample at a position, or the next one whose image can be read.
+        """The sample at a position, or the next one with a readable image.
 
         Raises:
             IndexError: There is no such position.
@@ -100,7 +100,7 @@ class AnnotatedImages(Dataset[HandSample]):
         labels = crop_points(hands.landmarks_2d[row], crop.matrix)
         intrinsics = _row(hands.intrinsics, row)
         if intrinsics is not None:
-            # The mirror turns the camera's x round too, so that a right hand stands before a real camera.
+            # The camera's x axis is mirrored too, so that f_x stays positive in a mirrored crop.
             intrinsics = crop_intrinsics(intrinsics, crop.matrix) * _mirror(left)
         surface = None if hands.surfaces is None else hands.surfaces(row)
         return HandSample(
@@ -124,12 +124,12 @@ class AnnotatedImages(Dataset[HandSample]):
 
 
 def _mirror(left: bool) -> Float[np.ndarray, " 3"]:
-    """Negates x for left hands."""
+    """Factors of the axes: −1 for x of left hands, else 1."""
     return np.array([-1.0, 1.0, 1.0]) if left else np.ones(3)
 
 
 def _row(column: np.ndarray | None, row: int) -> np.ndarray | None:
-    """An entry of a column; none where it is not known."""
+    """An entry of a column; None where it is unknown."""
     if column is None or np.isnan(column[row]).all():
         return None
     return np.asarray(column[row])
@@ -138,7 +138,7 @@ def _row(column: np.ndarray | None, row: int) -> np.ndarray | None:
 def _scaled(
     lengths: Float[np.ndarray, " landmark"] | None, matrix: Float[np.ndarray, "3 3"]
 ) -> Float[Tensor, " landmark"] | None:
-    """Lengths of the image in the crop, which may be mirrored."""
+    """Convert lengths from pixels of the image to pixels of the crop."""
     scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     return None if lengths is None else torch.from_numpy(lengths * scale).float()
 

@@ -1,7 +1,7 @@
-"""Images of hands with what is known of each: what the files of every dataset amount to (Sec. 4.1).
+"""Table of annotated hands, the common form of every dataset with image files (Sec. 4.1).
 
-A dataset's own module turns its files into one such table; cutting, mirroring, caching and skipping what
-cannot be read are then the same for all (`hand_recon.data.annotated_dataset`).
+A dataset's own module reads its files into one such table; cropping, mirroring, caching and the skipping of
+unreadable images are then shared (`hand_recon.data.annotated_dataset`).
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 @runtime_checkable
 class ImageFiles(Protocol):
-    """Files by row; a list of paths, or something that makes them when asked."""
+    """Image file of each row: a list of paths, or an object that makes paths on request."""
 
     def __len__(self) -> int: ...
 
@@ -23,12 +23,12 @@ class ImageFiles(Protocol):
 
 
 Surfaces = Callable[[int], "np.ndarray | None"]
-"""Row → ground truth vertices (vertex, 3), camera's frame, metres, of the hand as it is: not mirrored."""
+"""Function from a row to its ground truth vertices (vertex, 3), camera frame, metres, not mirrored."""
 
 
 @dataclass(frozen=True)
 class AnnotatedHands:
-    """One row per hand in an image. Pixels are those of the whole image; what is unknown is NaN.
+    """Table with one row per hand; pixels are those of the whole image, unknown values are NaN.
 
     Raises:
         ValueError: Columns differ in length.
@@ -41,27 +41,27 @@ class AnnotatedHands:
     images: ImageFiles
     """The image of each row; several hands may share one."""
     fingerprint: str
-    """Changes whenever an image or a label does."""
+    """Digest that changes when an image or a label changes."""
     landmarks_2d: Float[np.ndarray, "row landmark=21 2"]
     """Labels in FreiHAND's order; NaN where there is none."""
     left: Bool[np.ndarray, " row"] | None = None
-    """Which hands are left ones; none if all are right."""
+    """True for left hands; None if all are right."""
     intrinsics: Float[np.ndarray, "row 3 3"] | None = None
-    """Camera matrices; none if the cameras are unknown."""
+    """Camera matrices, pixels; None if the cameras are unknown."""
     landmarks_3d: Float[np.ndarray, "row landmark=21 3"] | None = None
-    """Ground truth in the camera's frame, metres."""
+    """Ground truth landmarks, camera frame, metres."""
     boxes: Float[np.ndarray, "row 4"] | None = None
-    """Left, top, right and bottom of each hand."""
+    """Left, top, right and bottom of each hand, pixels."""
     occluded: Bool[np.ndarray, "row landmark=21"] | None = None
-    """Which landmarks cannot be seen."""
+    """True for landmarks that cannot be seen."""
     confidence: Float[np.ndarray, "row landmark=21"] | None = None
-    """How sure of each landmark whoever placed it was, from 0 to 1."""
+    """Detector confidence, 0 to 1."""
     label_noise: Float[np.ndarray, "row landmark=21"] | None = None
     """Standard deviation of each label, pixels of the image."""
     masks: ImageFiles | None = None
-    """Where each hand is white in an image of the same size."""
+    """Mask of each hand, white on black, of the image's size."""
     surfaces: Surfaces | None = None
-    """Ground truth surfaces, made or read when asked for."""
+    """Ground truth surfaces, made or read on request."""
 
     def __post_init__(self) -> None:
         for name, column in vars(self).items():
@@ -75,10 +75,10 @@ class AnnotatedHands:
         return len(self.landmarks_2d)
 
     def source(self, row: int) -> str:
-        """What a sample is called: its image's path inside the dataset."""
+        """Name of a sample: its image's path inside the dataset."""
         path = self.images[row]
         return (path.relative_to(self.root) if path.is_relative_to(self.root) else path).as_posix()
 
     def is_left(self, row: int) -> bool:
-        """Whether a row's hand is a left one."""
+        """True if a row's hand is a left hand."""
         return self.left is not None and bool(self.left[row])

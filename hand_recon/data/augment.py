@@ -1,7 +1,7 @@
 """Batched augmentation: pixels, 2D labels, 3D ground truth and camera move together (Sec. 4.1).
 
 The paper scales the four sides of the box independently and pads to a square; here that box is one
-draw of a similarity transform of the crop, beside the rotation, scale and shift that peers use.
+draw of a similarity transform of the crop, next to the rotation, scale and translation that peers use.
 """
 
 from dataclasses import dataclass, replace
@@ -16,41 +16,41 @@ from hand_recon.schema import HandBatch
 
 @dataclass(frozen=True)
 class CropMotion:
-    """How each crop of a batch moves, and what that does to the hand in front of the camera."""
+    """Similarity transform of each crop of a batch and the matching rotation of the camera frame."""
 
     pixels: Float[Tensor, "batch 3 3"]
-    """Pixels of the old crop → pixels of the new one."""
+    """Matrix from pixels of the old crop to pixels of the new one."""
     camera: Float[Tensor, "batch 3 3"]
-    """Points of the old camera frame → points of the new one."""
+    """Rotation from the old camera frame to the new one, with an optional flip."""
     scale: Float[Tensor, " batch"]
-    """Length in the new crop of what was one pixel long."""
+    """Scale factor of lengths, new pixels per old pixel."""
 
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What may change in training; every range is symmetric about no change.
+    """Random augmentation of training batches; every range is symmetric about no change.
 
-    A landmark that leaves the crop stays labelled: where it is can be inferred, and without it the
-    hand's size could not be.
+    A landmark outside the new crop keeps its label: its position can be inferred, and the hand's size
+    depends on it.
 
     Raises:
-        ValueError: A range makes no sense.
+        ValueError: A value is outside its limits.
     """
 
     rotation: float = 0.5236
-    """Largest turn about the crop's centre, radians (30°)."""
+    """Largest rotation about the crop's centre, radians (30°)."""
     scale: float = 0.2
     """Largest relative change of the hand's size."""
     shift: float = 0.05
-    """Largest shift along each axis, as a share of the crop's side."""
+    """Largest translation along each axis, as a share of the crop's side."""
     side_jitter: float = 0.0
-    """Each side of the box moves by up to this share of half the crop, as in the paper."""
+    """Largest displacement of each side of the box, as a share of half the crop (the paper's)."""
     colour: float = 0.2
     """Largest relative change of each colour channel."""
     brightness: float = 0.1
     """Largest relative change of all channels together."""
     flip: float = 0.0
-    """Probability of a mirror image. Zero: a right hand's model cannot match a left hand."""
+    """Probability of a horizontal flip; 0 by default, as a right hand's model cannot match a left hand."""
 
     def __post_init__(self) -> None:
         limits = {"scale": 0.9, "side_jitter": 0.9, "colour": 1.0, "brightness": 1.0, "flip": 1.0}
@@ -61,10 +61,10 @@ class Augmentation:
                 )
 
     def __call__(self, batch: HandBatch, generator: torch.Generator | None = None) -> HandBatch:
-        """A new batch of the same hands, seen otherwise, with the image as floats 0–1.
+        """A randomly transformed copy of a batch, with the image as floats 0–1.
 
         Args:
-            batch: What a dataset gave, on any device.
+            batch: Batch of a dataset, on any device.
             generator: Source of the draws, on the CPU so that they are the same on every device.
         """
         motion = self.draw_motion(len(batch), batch.crop_size, generator)
@@ -81,7 +81,7 @@ class Augmentation:
     def draw_motion(
         self, count: int, crop_size: int, generator: torch.Generator | None = None
     ) -> CropMotion:
-        """Draw how each crop moves.
+        """Draw a random transform for each crop.
 
         Args:
             count: Number of crops.
@@ -95,7 +95,7 @@ class Augmentation:
         scale = (1 + self.scale * zoom) * 2 / torch.maximum(left + right, top + bottom)
         box = torch.stack([right - left, bottom - top], dim=-1) * crop_size / 4
         shift = torch.stack([across, down], dim=-1) * self.shift * crop_size
-        camera = _turn(self.rotation * angle, flipped)
+        camera = _camera_rotation(self.rotation * angle, flipped)
         centre = torch.full((count, 2), crop_size / 2)
         linear = scale[:, None, None] * camera[:, :2, :2]
         offset = centre + shift - (linear @ (centre + box)[..., None])[..., 0]
@@ -111,14 +111,14 @@ class Augmentation:
 
 
 def move(batch: HandBatch, motion: CropMotion) -> HandBatch:
-    """Move everything a batch knows of its hands, so that projections stay exact.
+    """Transform image, labels, 3D points and camera of a batch, so that projections stay exact.
 
-    With A the motion of pixels and G that of the camera frame, K' = A K G⁻¹, so that
+    With A the transform of pixels and G the rotation of the camera frame, K' = A K G⁻¹, so that
     K' (G X) = A (K X).
 
     Args:
-        batch: With the image as floats; what leaves it is black.
-        motion: One per crop.
+        batch: Batch with the image as floats; the outside of the image is black.
+        motion: Transforms, one per crop.
     """
     to_new = motion.camera.mT
     intrinsics = batch.intrinsics
@@ -145,12 +145,12 @@ def warp(
     """Resample square images bilinearly, black outside.
 
     Args:
-        image: Square.
-        pixels: Where each pixel goes; pixel i covers [i, i + 1) as in `hand_recon.data.crop`.
+        image: Square images.
+        pixels: Matrix from old to new pixels; pixel i covers [i, i + 1) as in `hand_recon.data.crop`.
     """
     size = image.shape[-1]
     to_pixels = pixels.new_tensor([[size / 2, 0, size / 2], [0, size / 2, size / 2], [0, 0, 1]])
-    # The grid asks where each new pixel comes from, in units in which the image spans [−1, 1].
+    # The grid holds the source of each new pixel, in units in which the image spans [−1, 1].
     source = (torch.linalg.inv(pixels @ to_pixels) @ to_pixels)[:, :2].to(image)
     centres = (torch.arange(size, device=image.device, dtype=image.dtype) + 0.5) * 2 / size - 1
     # An outer sum: on a CPU fifty times faster than `affine_grid`, which multiplies matrices.
@@ -160,7 +160,7 @@ def warp(
 
 
 def to_float(batch: HandBatch) -> HandBatch:
-    """The same batch with its image as floats 0–1, or the batch itself if they are."""
+    """The same batch with its image as floats 0–1; the batch itself if it has floats already."""
     if batch.image.dtype != torch.uint8:
         return batch
     return replace(batch, image=batch.image.float().div_(255))
@@ -171,14 +171,14 @@ def _symmetric(shape: tuple[int, ...], generator: torch.Generator | None) -> Flo
     return 2 * torch.rand(shape, generator=generator) - 1
 
 
-def _turn(
+def _camera_rotation(
     angle: Float[Tensor, " batch"], flipped: Bool[Tensor, " batch"]
 ) -> Float[Tensor, "batch 3 3"]:
-    """Rotation about the optical axis after an optional mirror image left to right."""
+    """Rotation about the optical axis after an optional horizontal flip."""
     cosine, sine = torch.cos(angle), torch.sin(angle)
     mirror = torch.where(flipped, -1.0, 1.0)
-    turn = torch.zeros(len(angle), 3, 3)
-    turn[:, 0, 0], turn[:, 0, 1] = cosine * mirror, -sine
-    turn[:, 1, 0], turn[:, 1, 1] = sine * mirror, cosine
-    turn[:, 2, 2] = 1
-    return turn
+    rotation = torch.zeros(len(angle), 3, 3)
+    rotation[:, 0, 0], rotation[:, 0, 1] = cosine * mirror, -sine
+    rotation[:, 1, 0], rotation[:, 1, 1] = sine * mirror, cosine
+    rotation[:, 2, 2] = 1
+    return rotation

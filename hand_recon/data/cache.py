@@ -1,7 +1,7 @@
-"""What is slow to read is read once and then mapped into memory.
+"""Caches of data that is slow to read or make, memory-mapped after the first time.
 
-Caches live in a folder of their own, never in the dataset's. Their names hold a digest of all that
-they depend on: a change makes a new cache, and an old one is never wrong, only unused.
+Caches are kept in a folder of their own, never in the dataset's. A cache's name holds a digest of everything
+it depends on: a change makes a new cache, and an old one is unused but never wrong.
 """
 
 import fcntl
@@ -15,26 +15,26 @@ import numpy as np
 
 
 def digest(*parts: object) -> str:
-    """A short name for whatever a cache depends on.
+    """Digest of everything a cache depends on, 16 hex digits.
 
     Args:
-        parts: Arrays and bytes count with their type, shape and content; anything else as `repr` shows it,
-            which shortens an array that is inside something else: give each as a part of its own.
+        parts: Arrays and bytes are hashed with type, shape and content; anything else by its `repr`, which
+            abbreviates nested arrays: pass each array as a part of its own.
     """
     summed = hashlib.sha256()
     for part in parts:
         kind, content = _content(part)
-        # The length says where each part ends: no two lists of parts run together into the same bytes.
+        # The length marks the end of each part, so that different lists of parts never give the same bytes.
         summed.update(f"{kind} {len(content)}\n".encode())
         summed.update(content)
     return summed.hexdigest()[:16]
 
 
 def _content(part: object) -> tuple[str, bytes | memoryview]:
-    """What a part is, and its bytes: large buffers are neither copied nor printed.
+    """Kind and bytes of a part; large buffers are neither copied nor printed.
 
     Raises:
-        TypeError: It is an array of objects, whose buffer holds addresses.
+        TypeError: The part is an array of objects, whose buffer holds addresses.
     """
     if isinstance(part, bytes):
         return "bytes", part
@@ -47,20 +47,20 @@ def _content(part: object) -> tuple[str, bytes | memoryview]:
 
 
 def file_identity(path: Path) -> tuple[str, int, int]:
-    """Path, size and time of change: no other file, nor this one once changed, has the same."""
+    """Path, size and modification time, which together identify the content of a file."""
     status = path.stat()
     return str(path.resolve()), status.st_size, status.st_mtime_ns
 
 
 def ensure_built(target: Path, build: Callable[[Path], None]) -> None:
-    """Make a cache folder unless it is there, once however many processes ask.
+    """Build a cache folder if it is missing; of several processes, one builds it.
 
-    It is built under another name and renamed when complete: a run that was killed leaves nothing
-    that could be mistaken for a cache.
+    It is built under another name and renamed when complete, so that a run that was killed leaves no
+    incomplete cache.
 
     Args:
-        target: The folder.
-        build: Fills the empty folder that it is given.
+        target: The cache folder.
+        build: Function that fills the empty folder it is given.
     """
     if target.is_dir():
         return
@@ -91,10 +91,10 @@ def exclusive_lock(path: Path) -> Iterator[None]:
 
 
 class MappedArray:
-    """An array in a file, opened when first read: a worker process is sent its path, not a copy."""
+    """Memory-mapped array file, opened on first use; pickling it for a worker process sends only its path."""
 
     def __init__(self, path: Path) -> None:
-        """Remember where the array is."""
+        """Store the path."""
         self.path = path
         self._array: np.ndarray | None = None
 

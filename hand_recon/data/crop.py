@@ -3,7 +3,7 @@
 Pixel i of a row covers [i, i + 1) and its centre is at i + 0.5, so an image w pixels wide spans
 [0, w], the middle of a crop is at half its side and resizing is a pure scaling. A point (x, y, z)
 of the camera's frame falls on u = f_x x / z + c_x in the same coordinates. OpenCV counts from pixel
-centres; the half pixel is added and taken away here and nowhere else.
+centres; the half pixel is added and subtracted only in this module.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 POLICIES: Final = ("full", "centre", "joints", "box", "mask")
-"""What a crop can be made around: the whole image, its middle, the box of the labelled landmarks, the
-dataset's own box, the hand's largest piece in the dataset's mask."""
+"""Choices of what a crop is made around: the whole image, its middle, the box of the labelled landmarks, the
+dataset's own box, or the hand's largest piece in the dataset's mask."""
 
 
 @dataclass(frozen=True)
@@ -37,24 +37,24 @@ class Square:
 
 @dataclass(frozen=True)
 class HandRegion:
-    """What a dataset knows of where a hand is in its image."""
+    """Position of a hand in its image: landmarks and, where known, box and mask."""
 
     landmarks: Float[np.ndarray, "landmark 2"]
     """Pixels of the image, NaN where not labelled."""
     box: Float[np.ndarray, " 4"] | None = None
     """Left, top, right and bottom, pixels of the image; NaN where unknown."""
     mask: Bool[np.ndarray, "height width"] | None = None
-    """Where the hand is."""
+    """True where the hand is."""
     name: str = "this sample"
-    """For messages."""
+    """Name of the sample, for messages."""
 
 
 @dataclass(frozen=True)
 class CropPolicy:
-    """How a dataset cuts its crops.
+    """Size and position of a dataset's crops.
 
     Raises:
-        ValueError: There is no such policy, or the crop would be empty.
+        ValueError: The policy is unknown, or the crop would be empty.
     """
 
     size: int = 224
@@ -76,14 +76,14 @@ class CropPolicy:
             )
 
     def matrix(self, image_size: tuple[int, int], region: HandRegion) -> Float[np.ndarray, "3 3"]:
-        """Image → crop, for one image.
+        """Matrix from image pixels to crop pixels, for one image.
 
         Args:
             image_size: Height and width, pixels.
-            region: Where the hand is.
+            region: Position of the hand.
 
         Raises:
-            ValueError: The dataset does not know what the crop should be made around.
+            ValueError: The dataset has no box or mask that the crop should be made around.
         """
         return crop_matrix(self._square(image_size, region), self.size)
 
@@ -121,7 +121,7 @@ def mask_box(mask: Bool[np.ndarray, "height width"]) -> tuple[float, float, floa
 
 
 def crop_mirror(crop_size: int) -> Float[np.ndarray, "3 3"]:
-    """Crop → its mirror image, left and right exchanged."""
+    """Matrix from a crop's pixels to those of its horizontal mirror image."""
     return np.array([[-1.0, 0.0, float(crop_size)], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -164,12 +164,12 @@ def around_box(box: tuple[float, float, float, float], expansion: float = 1.0) -
 
 
 def crop_matrix(square: Square, crop_size: int, rotation: float = 0.0) -> Float[np.ndarray, "3 3"]:
-    """Pixels of the image → pixels of the crop.
+    """Matrix from image pixels to crop pixels.
 
     Args:
-        square: What to cut out.
+        square: Part of the image to cut out.
         crop_size: Side of the crop, pixels.
-        rotation: Turns what is seen about the crop's middle, from x towards y (clockwise), radians.
+        rotation: Rotation of the content about the crop's middle, from x towards y (clockwise), radians.
     """
     scale = crop_size / square.side
     cosine, sine = scale * np.cos(rotation), scale * np.sin(rotation)
@@ -183,14 +183,14 @@ def crop_matrix(square: Square, crop_size: int, rotation: float = 0.0) -> Float[
 def crop_points(
     points: Float[np.ndarray, "*batch 2"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Where points of the image are in the crop; NaN stays NaN."""
+    """Convert points from image pixels to crop pixels; NaN stays NaN."""
     return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])
 
 
 def crop_intrinsics(
     intrinsics: Float[np.ndarray, "3 3"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """The camera matrix of the crop, so that projections land where the pixels went."""
+    """Camera matrix of the crop: the image's matrix followed by the crop's."""
     return np.asarray(matrix @ intrinsics)
 
 
@@ -199,12 +199,12 @@ def crop_image(
 ) -> UInt8[np.ndarray, "{crop_size} {crop_size} 3"]:
     """Cut a crop out of an image, black where there is no image.
 
-    A crop smaller than what it shows is averaged over the pixels it stands for, so that thin
-    fingers do not break up.
+    Where the crop is smaller than the region that it shows, pixels are averaged, so that thin fingers
+    stay connected.
 
     Args:
-        image: Any three channels.
-        matrix: Image → crop, of `crop_matrix`.
+        image: Image of any three channels.
+        matrix: Matrix from image pixels to crop pixels, of `crop_matrix`.
         crop_size: Side of the crop, pixels.
     """
     shrinks = 1 / np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
@@ -225,7 +225,7 @@ def crop_image(
 def _is_plain_resize(
     image: UInt8[np.ndarray, "height width 3"], matrix: Float[np.ndarray, "3 3"], crop_size: int
 ) -> bool:
-    """Whether the crop is the whole of a square image: then its border needs no black outside."""
+    """True if the crop is the whole of a square image, so that its border needs no black outside."""
     height, width = image.shape[:2]
     scale = crop_size / width
     return height == width and bool(np.allclose(matrix, np.diag([scale, scale, 1]), atol=1e-9))

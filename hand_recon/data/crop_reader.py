@@ -1,6 +1,6 @@
-"""From image files to crops: decoded at every step, or once into a map of bytes on the disk.
+"""Reads crops of image files, decoded at every step or once into a memory-mapped file.
 
-The map makes reading some ten times faster than decoding. It holds crops, not images, so that
+Reading the map is about ten times faster than decoding. It holds crops, not whole images, so that
 small crops make a small map: 130,240 crops take 3.6 GB at 96 pixels and 19.6 GB at 224.
 """
 
@@ -23,40 +23,40 @@ from hand_recon.data.progress import with_progress
 logger = logging.getLogger(__name__)
 
 MASK_THRESHOLD = 150
-"""Grey above which a mask is white: masks are JPEGs, whose edges ring."""
+"""Grey value above which a mask shows the hand; masks are JPEGs with artefacts at the edges."""
 
 
 @dataclass(frozen=True)
 class ReadingPolicy:
-    """Where what was read is kept, and what happens to images that cannot be read."""
+    """Settings for caching and for images that cannot be read."""
 
     cache_dir: Path | str | None = None
-    """Folder of caches, never the dataset's own; none keeps nothing."""
+    """Folder of caches, never the dataset's own; None turns caching off."""
     decode_cache: bool = True
-    """Whether to decode every image once into a map, if there is a folder and room for it."""
+    """Decode every image once into a map, if there is a cache folder with enough room."""
     max_corrupt: int = 20
-    """How many damaged images each loading process may skip before the run stops."""
+    """Number of damaged images that each loading process may skip before the run stops."""
     workers: int = 2
-    """Threads that fill the map."""
+    """Number of threads that fill the map."""
 
     @property
     def folder(self) -> Path | None:
-        """Where parsed JSON lists and decoded crops are kept."""
+        """Folder of parsed JSON lists and decoded crops; None without a cache."""
         return None if self.cache_dir is None else Path(self.cache_dir).expanduser() / "pictures"
 
 
 @dataclass(frozen=True)
 class Crop:
-    """What was cut out of an image, and where."""
+    """A crop and its position in the image."""
 
     pixels: UInt8[np.ndarray, "3 height width"]
     """RGB."""
     matrix: Float[np.ndarray, "3 3"]
-    """Pixels of the image → pixels of the crop."""
+    """Matrix from image pixels to crop pixels."""
 
 
 class CropReader:
-    """Gives the crop of a row of annotated hands, or None if its image cannot be read."""
+    """Reader of the crops of annotated hands, from the map or from the image files."""
 
     def __init__(
         self,
@@ -65,12 +65,12 @@ class CropReader:
         crop: CropPolicy,
         policy: ReadingPolicy,
     ) -> None:
-        """Open the map of crops, or make it if there is a folder for it.
+        """Open the map of crops, or build it, if a cache folder is set.
 
         Args:
-            hands: The dataset.
-            rows: All that may be asked for by any split.
-            crop: How to cut.
+            hands: The whole table.
+            rows: All rows that any split may read.
+            crop: Size and position of the crops.
             policy: Caches and limits.
 
         Raises:
@@ -81,18 +81,18 @@ class CropReader:
         self.corrupt = CorruptImages(policy.max_corrupt)
         self._map: _CropMap | None = None
         if policy.folder is not None and policy.decode_cache:
-            # Sorted, so that no order of the rows makes another map.
+            # Sorted, so that the order of the rows does not change the map.
             rows = np.unique(rows)
             self.index_of_row = np.full(len(hands), -1)
             self.index_of_row[rows] = np.arange(len(rows))
             self._map = self._open_map(policy.folder, rows, policy.workers)
 
     def read(self, row: int) -> Crop | None:
-        """The crop of a hand, a right one always; a warning and None if its image cannot be read.
+        """The crop of a hand, left hands mirrored; None, with a warning, if the image cannot be read.
 
         Raises:
-            KeyError: The row was not among those that may be asked for.
-            RuntimeError: It is one damaged image too many.
+            KeyError: The row is not in the map.
+            RuntimeError: More images are damaged than allowed.
         """
         crop = self._decode(row) if self._map is None else self._map.read(self._index_in_map(row))
         if crop is None:
@@ -102,7 +102,7 @@ class CropReader:
     def _index_in_map(self, row: int) -> int:
         index = int(self.index_of_row[row]) if 0 <= row < len(self.index_of_row) else -1
         if index < 0:
-            # No IndexError: a loop over a dataset would take it for the end.
+            # Not an IndexError, which would silently end a loop over the dataset.
             raise KeyError(
                 f"Row {row} of {self.hands.name} is not among the {(self.index_of_row >= 0).sum()} in its "
                 "map of crops; give every row that any split reads as cached_rows."
@@ -156,12 +156,12 @@ class CropReader:
         return _CropMap(target)
 
     def map_name(self, rows: Int[np.ndarray, " row"]) -> str:
-        """The folder of the map of some rows: other labels, images or crops have another."""
+        """Folder name of the map of some rows; it changes with labels, images and crops."""
         recipe = (self.hands.fingerprint, sorted(vars(self.crop).items()), rows)
         return f"{self.hands.name}-{self.crop.around}-{self.crop.size}-{digest(*recipe)}"
 
     def _fill(self, folder: Path, rows: Int[np.ndarray, " row"], workers: int) -> None:
-        """Decode everything; a damaged image is a place that is marked as unreadable."""
+        """Decode all rows; damaged images are marked as unreadable."""
         shape = (len(rows), 3, self.crop.size, self.crop.size)
         crops = np.lib.format.open_memmap(folder / "crops.npy", "w+", np.uint8, shape)
         matrices = np.full((len(rows), 3, 3), np.nan)

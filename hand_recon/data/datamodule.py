@@ -1,4 +1,4 @@
-"""What all datamodules share: loaders, order, threads and augmentation on the device (Sec. 4.1)."""
+"""Base class of all datamodules: loaders, sample order, threads, augmentation on the device (Sec. 4.1)."""
 
 import logging
 import zlib
@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 
 @runtime_checkable
 class HandDataset(Protocol):
-    """What a datamodule needs of a dataset; any map-style `Dataset[HandSample]` fits."""
+    """Interface of a dataset; any map-style `Dataset[HandSample]` has it."""
 
     def __len__(self) -> int: ...
 
@@ -38,14 +38,14 @@ class BatchedDataset(HandDataset, Protocol):
 
 
 DatasetFactory = Callable[[], HandDataset]
-"""Builds a dataset when it is first needed: a class or function with its arguments bound."""
+"""Function that builds a dataset when it is first needed: a class or function with its arguments bound."""
 
 
 class HandDataModule(lightning.LightningDataModule):
     """Loaders of crops for training, validation and test, built only when a stage needs them."""
 
     name = "hands"
-    """What reports call this dataset."""
+    """Name of this dataset in reports."""
     landmarks = "knuckle"
     """The hand model's landmark set that this dataset's labels follow."""
 
@@ -61,7 +61,7 @@ class HandDataModule(lightning.LightningDataModule):
         augmentation: Augmentation | None = None,
         seed: int = 0,
     ) -> None:
-        """Remember what to build.
+        """Store the settings; datasets are built on first use.
 
         Args:
             train: Builds the training set.
@@ -70,11 +70,11 @@ class HandDataModule(lightning.LightningDataModule):
             crop_size: Side of the square crops that they give, pixels.
             batch_size: Hands per batch and process.
             workers: Loading processes; zero loads in the training process.
-            augmentation: Applied to training batches on the training device; none for none.
-            seed: Fixes the order of samples and every draw of the augmentation.
+            augmentation: Applied to training batches on the training device; None turns it off.
+            seed: Seed of the sample order and of the augmentation.
 
         Raises:
-            ValueError: The batch has no place for a hand.
+            ValueError: The batch size is below 1, or the number of workers is negative.
         """
         super().__init__()
         if batch_size < 1 or workers < 0:
@@ -90,12 +90,12 @@ class HandDataModule(lightning.LightningDataModule):
         self._datasets: dict[str, HandDataset] = {}
 
     def prepare_data(self) -> None:
-        """Build what is needed next in one process per machine: the others find its caches."""
+        """Build the next datasets in one process per machine, so that the others find its caches."""
         function = self.trainer.state.fn if self.trainer is not None else None
         self.setup(str(function.value) if function is not None else None)
 
     def setup(self, stage: str | None = None) -> None:
-        """Build the datasets of a stage that are not there yet.
+        """Build the datasets of a stage that are not built yet.
 
         Args:
             stage: `fit`, `validate`, `test` or `predict` (the test set); none builds everything.
@@ -152,12 +152,12 @@ class HandDataModule(lightning.LightningDataModule):
         return self.test_dataloader()
 
     def on_after_batch_transfer(self, batch: HandBatch, dataloader_idx: int) -> HandBatch:
-        """Turn the image into floats 0–1 and, in training, augment on the training device."""
+        """Convert the image to floats 0–1 and, in training, augment on the training device."""
         del dataloader_idx
         trainer = self.trainer
         if self.augmentation is None or trainer is None or not trainer.training:
             return to_float(batch)
-        # The draws depend on the step, not on the past: a resumed run sees the same images.
+        # The draws depend on the step, not on earlier draws: a resumed run sees the same images.
         key = (self.seed, trainer.global_rank, trainer.fit_loop.total_batch_idx)
         generator = torch.Generator().manual_seed(zlib.crc32(repr(key).encode()))
         return self.augmentation(batch, generator)
@@ -167,7 +167,7 @@ class HandDataModule(lightning.LightningDataModule):
     ) -> (
         tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
     ):
-        """The training set's landmarks and vertices in 3D, for baselines only: training never asks.
+        """3D landmarks and vertices of the training set, for baselines only; training never uses them.
 
         Args:
             limit: At most so many samples, spread evenly over the set.
@@ -183,23 +183,23 @@ class HandDataModule(lightning.LightningDataModule):
         return batch.landmarks_3d, batch.vertices
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
-        """Pose and shape of the training hands, for priors that are learnt from 3D: no other ever asks.
+        """Pose and shape of the training hands, used only by priors that are learnt from 3D.
 
         Args:
             limit: At most so many hands, spread evenly over the set.
 
         Returns:
-            None where the dataset does not know them.
+            None where the dataset has none.
         """
         del limit
         return None
 
     def ground_truth_dataset(self) -> HandDataset:
-        """The training set, with vertices where they cost nothing to read."""
+        """The training set, with vertices where they are cheap to read."""
         return self.dataset("train")
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
-        """A split as `dataset` gives it, with surfaces where there are any: to look at, not to train on."""
+        """The dataset of a split with its surfaces, where there are any: for inspection, not for training."""
         return self.dataset(split)
 
     def _loader(
@@ -225,7 +225,7 @@ class HandDataModule(lightning.LightningDataModule):
 
 
 class _Batches:
-    """A dataset under the name by which a loader asks for several samples at once."""
+    """Adapter of a `BatchedDataset` to `__getitems__`, by which a loader fetches a whole batch."""
 
     def __init__(self, dataset: BatchedDataset) -> None:
         self.dataset = dataset
@@ -241,11 +241,11 @@ class _Batches:
 
 
 def load_batch(dataset: HandDataset, indices: list[int]) -> HandBatch:
-    """Some samples of a dataset, stacked.
+    """Load some samples of a dataset as one batch.
 
     Args:
-        dataset: Any.
-        indices: Positions in it.
+        dataset: Dataset to read.
+        indices: Positions in the dataset.
     """
     if isinstance(dataset, BatchedDataset):
         return dataset.batch(indices)
@@ -257,7 +257,7 @@ def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:
 
 
 class EpochSampler(Sampler[int]):
-    """A new order in each epoch, from the seed and the epoch alone, so that it can be resumed."""
+    """Sampler whose order depends only on the seed and the epoch, so that a run can be resumed."""
 
     def __init__(self, seed: int) -> None:
         """Start with the first epoch."""
@@ -265,17 +265,17 @@ class EpochSampler(Sampler[int]):
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Choose the order; Lightning calls this at the start of each epoch."""
+        """Set the epoch; Lightning calls this at the start of each epoch."""
         self.epoch = epoch
 
     def generator(self) -> torch.Generator:
-        """The source of this epoch's draws."""
+        """Random number generator of this epoch."""
         key = repr((self.seed, self.epoch)).encode()
         return torch.Generator().manual_seed(zlib.crc32(key))
 
 
 class SeededShuffle(EpochSampler):
-    """All samples of a dataset, in an order of their own in each epoch."""
+    """All samples of a dataset, in a new order in each epoch."""
 
     def __init__(self, dataset: Sized, seed: int) -> None:
         """Shuffle the indices of `dataset`."""
@@ -290,7 +290,7 @@ class SeededShuffle(EpochSampler):
 
 
 def limit_threads(worker: int) -> None:
-    """Keep each loading process to one thread: many processes times many threads is slower."""
+    """Limit each loading process to one thread: more threads than cores are slower."""
     del worker
     torch.set_num_threads(1)
     cv2.setNumThreads(0)

@@ -1,20 +1,20 @@
-"""Who tests where a benchmark's own hands may not be there: one choice for every dataset that has one."""
+"""Choice of test hands for datasets whose benchmark hands may be missing."""
 
 from typing import Final
 
 TEST_SOURCES: Final = ("auto", "evaluation", "held_out")
-"""Which hands test: the benchmark's, held-out training hands, or the first of these that there is."""
+"""Sources of test hands: the benchmark's, held-out training hands, or the first that is available."""
 
 
 def check_held_out(test_source: str, val_fraction: float) -> None:
-    """Refuse a choice that does not exist.
+    """Check the source of test hands and the share of validation hands.
 
     Args:
         test_source: One of `TEST_SOURCES`.
-        val_fraction: Share of the training hands that validate; as many again may test.
+        val_fraction: Share of the training hands used for validation; as many again may be used for testing.
 
     Raises:
-        ValueError: It does not exist, or leaves no hands to train on.
+        ValueError: The source is unknown, or no hands are left to train on.
     """
     if test_source not in TEST_SOURCES:
         raise ValueError(

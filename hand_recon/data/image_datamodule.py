@@ -1,4 +1,4 @@
-"""What datamodules of real images share: a recipe, and a dataset made of it for each split (Sec. 4.1)."""
+"""Base class of datamodules of real images: a recipe and one dataset per split (Sec. 4.1)."""
 
 from functools import partial
 from pathlib import Path
@@ -11,14 +11,14 @@ from hand_recon.data.datamodule import HandDataModule, HandDataset
 
 
 class ImageDataModule(HandDataModule):
-    """Real images in some dataset's layout. A subclass names its dataset and what describes it."""
+    """Datamodule of real images in a dataset's layout; a subclass names its dataset and recipe classes."""
 
     recipe_type: ClassVar[Any]
-    """A record of what to read: takes the place, `crop`, `reading` and fields of its own."""
+    """Recipe class; takes the location, `crop`, `reading` and fields of its own."""
     dataset_type: ClassVar[Any]
-    """Takes a split, a recipe and `with_vertices`."""
+    """Dataset class; takes a split, a recipe and `with_vertices`."""
     default_crop: ClassVar[CropPolicy] = CropPolicy()
-    """How crops are cut where nothing is said."""
+    """Crop policy used by default."""
 
     def __init__(
         self,
@@ -32,17 +32,17 @@ class ImageDataModule(HandDataModule):
         seed: int = 0,
         **recipe: Any,  # noqa: ANN401  # The recipe's other fields, which it checks.
     ) -> None:
-        """Remember what to read.
+        """Store the settings; files are read on first use.
 
         Args:
-            *location: The recipe's first fields: where the files are.
+            *location: Location of the files: the recipe's first fields.
             crop: Size and position of the crops.
-            reading: Caches, and how many damaged images are too many.
-            landmarks: The hand's landmark set that the labels follow; none for the dataset's own.
+            reading: Caches and the number of damaged images allowed.
+            landmarks: Landmark set that the labels follow; None for the dataset's own.
             batch_size: Hands per batch and process.
             workers: Loading processes.
             augmentation: Applied to training batches.
-            seed: Fixes the order of samples and the augmentation.
+            seed: Seed of the sample order and of the augmentation.
             **recipe: Other fields of the recipe.
         """
         self.landmarks = landmarks or type(self).landmarks
@@ -62,7 +62,7 @@ class ImageDataModule(HandDataModule):
         )
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
-        """A split with its surfaces, as far as they compare with the hand model's."""
+        """The dataset of a split with the surfaces that are comparable with the hand model's."""
         dataset: HandDataset = self.dataset_type(split, self.recipe, with_vertices=True)
         return dataset
 

@@ -13,10 +13,10 @@ START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 
 
 def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
-    """An RGB image, or None if the file is missing, damaged or cut off.
+    """Read an RGB image; None if the file is missing, damaged or cut off.
 
-    OpenCV fills the rest of a JPEG that was cut off with grey and says nothing that a program could
-    hear, so its end is looked for here. The markers cannot occur inside compressed data.
+    OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
+    The markers cannot occur inside compressed data.
     """
     try:
         content = path.read_bytes()
@@ -33,22 +33,22 @@ def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 class CorruptImages:
-    """The images that were skipped, up to a limit; each loading process keeps its own count."""
+    """Record of skipped images, up to a limit; each loading process keeps its own."""
 
     def __init__(self, limit: int) -> None:
         """Start with none.
 
         Args:
-            limit: How many may be skipped before the run stops.
+            limit: Number of images that may be skipped before the run stops.
         """
         self.limit = limit
         self.names: list[str] = []
 
     def add(self, name: str) -> None:
-        """Warn of one more; the same image counts once.
+        """Record one skipped image with a warning; the same image counts once.
 
         Raises:
-            RuntimeError: It is one too many.
+            RuntimeError: More images are skipped than the limit allows.
         """
         if name in self.names:
             return

@@ -1,4 +1,4 @@
-"""Reads big JSON lists of equal arrays without ever holding them as Python objects.
+"""Reads large JSON lists of equal arrays without building Python lists of them.
 
 FreiHAND's training vertices are 76 million numbers: some five gigabytes as lists, 0.3 as an array.
 """
@@ -28,7 +28,7 @@ def load_json_array(path: Path, cache_dir: Path | None) -> np.ndarray:
 
     Args:
         path: The JSON file.
-        cache_dir: Where the array is kept; none parses the file every time.
+        cache_dir: Folder where the array is kept; None parses the file every time.
 
     Returns:
         Float32, one row per element of the list.

@@ -1,7 +1,7 @@
 """Several datasets as one: training hands drawn with weights, scores on one of the datasets (Sec. 4.1).
 
 An epoch has a fixed number of hands of each dataset, in an order that follows from the seed and the epoch
-alone. No hand comes twice in an epoch before all of its dataset have come once.
+alone. No hand is repeated in an epoch before all hands of its dataset have been drawn.
 """
 
 import logging
@@ -24,19 +24,18 @@ logger = logging.getLogger(__name__)
 
 
 class MixedHands:
-    """The hands of several datasets one after the other, each with all that any of them has.
+    """Concatenation of several datasets whose samples all have the same fields.
 
-    A batch is stacked, and knows only what all of its hands know: so hands without a camera get the one that
-    a regressor would assume (`docs/conventions.md`, camera), and hands without ground truth one that is
-    unknown (NaN) if others have it. Surfaces are left out: they are for evaluation, and datasets differ in
-    theirs.
+    A batch has a field only if all of its samples have it. So hands without a camera get the default camera
+    (`docs/conventions.md`, camera), and hands without 3D ground truth get NaN if another dataset has it.
+    Surfaces are left out: they are for evaluation only, and their vertices differ between datasets.
     """
 
     def __init__(self, parts: Mapping[str, HandDataset]) -> None:
-        """Look at one hand of each dataset.
+        """Store the datasets and check one sample of each for 3D ground truth.
 
         Args:
-            parts: By name.
+            parts: Datasets by name.
         """
         self.parts = dict(parts)
         self.sizes = [len(part) for part in self.parts.values()]
@@ -47,7 +46,7 @@ class MixedHands:
         return sum(self.sizes)
 
     def __getitem__(self, index: int) -> HandSample:
-        """The hand at a position, called by its dataset's name.
+        """The sample at a position; its source begins with its dataset's name.
 
         Raises:
             IndexError: There is no such position.
@@ -57,7 +56,7 @@ class MixedHands:
         number = max(number for number, start in enumerate(self.starts) if start <= index)
         name, start = list(self.parts)[number], self.starts[number]
         sample = self.parts[name][index - start]
-        # The image that was asked for may be damaged: another one's number is that one's.
+        # A damaged image is replaced by another sample, whose index is returned.
         sample = replace(
             sample,
             index=start + sample.index,
@@ -79,15 +78,15 @@ class MixedHands:
 
 
 class WeightedShuffle(EpochSampler):
-    """Positions of an epoch: so many of each part, shuffled, from the seed and the epoch alone."""
+    """Sampler of a fixed number of hands of each part, in an order that depends only on seed and epoch."""
 
     def __init__(self, sizes: Sequence[int], counts: Sequence[int], seed: int) -> None:
-        """Fix how many come from each part.
+        """Store the sizes and counts.
 
         Args:
-            sizes: Hands of each part, which lie one after the other.
-            counts: Hands of each part in an epoch; more than it has come several times.
-            seed: Of the order.
+            sizes: Number of hands of each part, in order of concatenation.
+            counts: Number of hands of each part in an epoch; a part with fewer hands repeats some.
+            seed: Seed of the order.
         """
         super().__init__(seed)
         self.sizes = tuple(sizes)
@@ -109,11 +108,11 @@ class WeightedShuffle(EpochSampler):
 
 
 def shares(weights: Sequence[float], total: int) -> list[int]:
-    """A whole number for each weight, in proportion and with the given sum (largest remainders).
+    """Integers in proportion to the weights, with the given sum (largest remainder method).
 
     Args:
         weights: Not negative, at least one positive.
-        total: What they are to sum to.
+        total: Sum of the integers.
     """
     exact = [weight * total / sum(weights) for weight in weights]
     counts = [int(value) for value in exact]
@@ -142,18 +141,18 @@ class MixtureDataModule(HandDataModule):
         augmentation: Augmentation | None = None,
         seed: int = 0,
     ) -> None:
-        """Remember what to mix.
+        """Store the settings.
 
         Args:
             parts: Datasets by name, with crops of one size.
-            weights: Share of each dataset in the hands of an epoch, in any unit; none weighs them by size.
-            epoch_size: Hands in an epoch; none takes as many as there are.
-            score_on: The part whose validation and test hands are used; none takes the first.
-            landmarks: The hand's landmark set that is learnt; none takes that of the part that is scored.
+            weights: Share of each dataset in the hands of an epoch, in any unit; None weighs them by size.
+            epoch_size: Hands in an epoch; None takes as many as there are.
+            score_on: The part whose validation and test hands are used; None takes the first.
+            landmarks: Landmark set that is learnt; None takes that of the scored part.
             batch_size: Hands per batch and process.
             workers: Loading processes.
             augmentation: Applied to training batches of all parts.
-            seed: Fixes the order of samples and the augmentation.
+            seed: Seed of the sample order and of the augmentation.
 
         Raises:
             ValueError: Names do not match, crops differ in size, or weights or the epoch are empty.
@@ -166,7 +165,7 @@ class MixtureDataModule(HandDataModule):
         scored = self.parts[self.score_on]
         self.landmarks = landmarks or scored.landmarks
         self._warn_of_landmark_sets()
-        # What is reported are scores on this dataset.
+        # Reported scores are those on this dataset.
         self.name = scored.name
         super().__init__(
             self._mixed,
@@ -206,15 +205,15 @@ class MixtureDataModule(HandDataModule):
     ) -> (
         tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
     ):
-        """That of the part that is scored: a baseline is of one dataset."""
+        """3D ground truth of the scored part: a baseline belongs to one dataset."""
         return self.parts[self.score_on].train_ground_truth(limit)
 
     def ground_truth_dataset(self) -> HandDataset:
-        """That of the part that is scored."""
+        """Training set of the scored part."""
         return self.parts[self.score_on].ground_truth_dataset()
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
-        """Pose and shape of the training hands of all parts that know them."""
+        """Pose and shape of the training hands of all parts that have them."""
         known = [part.train_parameters(limit) for part in self.parts.values()]
         found = [parameters for parameters in known if parameters is not None]
         if not found:

@@ -1,4 +1,4 @@
-"""Processes that render hands or read labels side by side."""
+"""Pool of single-threaded processes, for rendering hands and reading labels."""
 
 import multiprocessing
 import os
@@ -15,12 +15,12 @@ _THREAD_COUNTS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THR
 
 @contextmanager
 def single_threaded_processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """New processes of one thread each; on an error, work that has not begun is dropped.
+    """Pool of new processes of one thread each; on an error, pending work is cancelled.
 
-    Threads of their own would only fight over the cores that the processes share.
+    More threads per process would compete for the same cores.
 
     Args:
-        count: How many.
+        count: Number of processes.
     """
     context = multiprocessing.get_context("spawn")
     with (
@@ -36,7 +36,7 @@ def single_threaded_processes(count: int) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def _single_threaded_children() -> Iterator[None]:
-    """Numerical libraries read their thread counts from the environment when they are first loaded."""
+    """Set the thread counts that numerical libraries read from the environment when first loaded to 1."""
     before = {name: os.environ.get(name) for name in _THREAD_COUNTS}
     os.environ.update(dict.fromkeys(_THREAD_COUNTS, "1"))
     try:

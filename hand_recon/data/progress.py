@@ -1,4 +1,4 @@
-"""Progress that is a bar on a terminal and plain log lines everywhere else."""
+"""Progress display: a bar on a terminal, log lines elsewhere."""
 
 import logging
 import time
@@ -13,16 +13,16 @@ logger = logging.getLogger(__name__)
 Item = TypeVar("Item")
 
 SECONDS_BETWEEN_LINES = 10.0
-"""How often a log file hears of a long task."""
+"""Time between log lines of a long task, seconds."""
 
 
 def with_progress(items: Iterable[Item], total: int, task: str) -> Iterator[Item]:
-    """Pass items on and say how far they are.
+    """Yield items and report progress.
 
     Args:
-        items: What is worked on.
-        total: How many there are.
-        task: What is being done, for people.
+        items: Items to yield.
+        total: Number of items.
+        task: Name of the task, for the display.
     """
     if Console(stderr=True).is_terminal:
         yield from track(items, task, total=total, console=Console(stderr=True), transient=True)

@@ -1,6 +1,7 @@
-"""Crops around landmarks, turned so that the fingers point up: one view of what a detector found.
+"""Normalization of landmarks: centred, scaled to one size and rotated so that the fingers point up.
 
-A lifter need not learn what a rotation or a scaling of the image does: nothing is lost by undoing it first.
+Rotation and scale of the image are removed before lifting, so that the lifter need not learn them. The
+transform can be inverted, so no information is lost.
 """
 
 import torch
@@ -23,25 +24,25 @@ def upright_motion(
     labelled: Bool[Tensor, "batch landmark=21"],
     crop_size: int,
 ) -> CropMotion:
-    """How each crop moves so that its landmarks are in its middle, of one size, with the fingers up.
+    """Transform of each crop that centres its landmarks, scales them to one size and points the fingers up.
 
-    Up is from the wrist to the knuckles; without a wrist, from the knuckles to what lies beyond them; without
-    these, up stays up.
+    The fingers' direction is from the wrist to the MCPs; without a wrist, from the MCPs to the landmarks
+    beyond them; without these, the crop is not rotated.
 
     Args:
-        landmarks_2d: Pixels of the crop; anything where not labelled.
-        labelled: Which landmarks there are.
+        landmarks_2d: Pixels of the crop; values of unlabelled landmarks are ignored.
+        labelled: True for labelled landmarks.
         crop_size: Side of the crop, pixels; the new one is as large.
     """
     points = landmarks_2d.masked_fill(~labelled[..., None], 0.0)
     roll = _camera_roll(_direction_up(points, labelled))
-    turned = points @ roll[:, :2, :2].mT
+    rotated = points @ roll[:, :2, :2].mT
     missing = ~labelled[..., None]
-    high = turned.masked_fill(missing, -torch.inf).amax(dim=1)
-    low = turned.masked_fill(missing, torch.inf).amin(dim=1)
+    high = rotated.masked_fill(missing, -torch.inf).amax(dim=1)
+    low = rotated.masked_fill(missing, torch.inf).amin(dim=1)
     none = ~labelled.any(dim=1)[:, None]
     middle = ((high + low) / 2).masked_fill(none, crop_size / 2)
-    # One landmark alone has no size; a pixel keeps the scale finite.
+    # A single landmark has no extent; a minimum of one pixel keeps the scale finite.
     extent = (high - low).amax(dim=1).masked_fill(none[:, 0], FILL * crop_size).clamp(min=1.0)
     scale = FILL * crop_size / extent
     pixels = torch.eye(3, dtype=points.dtype, device=points.device).repeat(len(points), 1, 1)
@@ -51,7 +52,7 @@ def upright_motion(
 
 
 def _direction_up(points: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
-    """Where the fingers point, in pixels; upwards (0, −1) where nobody can tell."""
+    """Unit direction of the fingers in the image; upwards (0, −1) where it is unknown."""
     up = points.new_tensor([0.0, -1.0]).expand(len(points), 2)
     for start, end in ((_KNUCKLES, _BEYOND), (_WRIST, _KNUCKLES)):
         known = labelled[:, start].any(dim=1) & labelled[:, end].any(dim=1)
