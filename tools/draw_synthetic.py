@@ -10,7 +10,7 @@ import torch
 
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.levels import Level
-from hand_recon.data.synthetic.painter import paint_picture
+from hand_recon.data.synthetic.painter import render_image
 from hand_recon.data.synthetic.plausible import deepest_overlap
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import SyntheticHand, scene_surfaces, synthetic_hand
@@ -57,7 +57,7 @@ def gesture_sheet(columns: int) -> np.ndarray:
         for view in (front, turned):
             surfaces = scene_surfaces(recipe, 0, hand, view)
             scene = RayScene(*merged(surfaces))
-            pair.append(paint_picture(recipe, (0, 0), surfaces, scene, view.intrinsics)[0])
+            pair.append(render_image(recipe, (0, 0), surfaces, scene, view.intrinsics)[0])
         image = np.ascontiguousarray(np.hstack(pair))
         overlap = deepest_overlap(landmarks) * 1000
         text = f"{gesture.name}{'*' if gesture.held_out else ''} {overlap:.0f}"

@@ -24,7 +24,7 @@ def main() -> None:
         version=arguments.version,
         frames=arguments.frames,
         evaluation_frames=arguments.frames,
-        with_truth=not arguments.without_truth,
+        with_ground_truth=not arguments.without_truth,
         with_vertices=not arguments.without_vertices,
         size=(width, height),
         seed=arguments.seed,

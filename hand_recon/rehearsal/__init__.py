@@ -1,1 +1,1 @@
-"""Rendered hands in the layouts of FreiHAND, DexYCB and HO3D, to rehearse their loaders without the data."""
+"""Writers of synthetic hands in the file layouts of FreiHAND, DexYCB and HO3D, to test their loaders."""

@@ -1,4 +1,4 @@
-"""DexYCB's eight cameras around a table, and their calibration files."""
+"""Eight cameras around a table as in DexYCB, and their calibration files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,27 +12,28 @@ from jaxtyping import Float
 from hand_recon.data.dexycb.files import SERIALS, SIZE
 
 EXTRINSICS: Final = "20200702_151821"
-"""Name of the only arrangement of the cameras."""
+"""Name of the extrinsic calibration that all sequences use."""
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""Ten times as fast where libyaml is there."""
+"""YAML dumper; libyaml's, if installed, is ten times as fast."""
 
 
 @dataclass(frozen=True)
 class Cameras:
-    """The eight cameras."""
+    """Calibration of the eight cameras."""
 
     intrinsics: Float[np.ndarray, "camera=8 3 3"]
+    """Camera matrices, pixels."""
     poses: Float[np.ndarray, "camera=8 3 4"]
-    """From the camera's frame to the world's."""
+    """Rotation and translation from the camera's frame to the world's, metres."""
 
 
 def write_cameras(folder: Path, random: np.random.Generator) -> Cameras:
     """Draw the cameras and write `calibration/intrinsics` and `calibration/extrinsics_…`.
 
     Args:
-        folder: `calibration`.
-        random: Source of focal lengths, principal points and heights.
+        folder: The folder `calibration`.
+        random: Source of randomness for focal lengths, principal points and heights.
     """
     height, width = SIZE
     intrinsics, poses = np.tile(np.eye(3), (8, 1, 1)), np.empty((8, 3, 4))
@@ -55,7 +56,7 @@ def write_cameras(folder: Path, random: np.random.Generator) -> Cameras:
 
 
 def _looking_inwards(azimuth: float, elevation: float) -> Float[np.ndarray, "3 4"]:
-    """The pose of a camera 0.8 m from the origin that looks at it, upright; the world's z is up."""
+    """Pose of an upright camera that looks at the origin from 0.8 m; the world's z axis points up."""
     level = np.cos(elevation)
     out = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
     right = np.cross(-out, [0.0, 0.0, 1.0])
@@ -64,6 +65,6 @@ def _looking_inwards(azimuth: float, elevation: float) -> Float[np.ndarray, "3 4
 
 
 def write_yaml(path: Path, content: Mapping[str, object]) -> None:
-    """Write one of the dataset's small files, and the folders that it needs."""
+    """Write a YAML file, and create its parent folders."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.dump(dict(content), Dumper=_DUMPER), encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Synthetic hands written as FreiHAND lies on disk, so that its loader and its training can be tested.
+"""Synthetic hands in FreiHAND's file layout, to test its loader and training without the dataset.
 
-Folders, file names, counts and JSON shapes are those of FreiHAND v2 (Zimmermann et al., ICCV 2019); only the
-hand is another: vertices are the open hand's, however many it has, unless the user's own MANO makes hands.
+Folders, file names, counts and JSON shapes are those of FreiHAND v2 (Zimmermann et al., ICCV 2019). Hands
+are the open hand, whose number of vertices differs from MANO's, unless the user's own MANO is given.
 """
 
 import json
@@ -20,60 +20,61 @@ from hand_recon.data.synthetic.scene import SyntheticHand, synthetic_hand
 from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import LANDMARKS
-from hand_recon.rehearsal.freihand_mano import ManoPicture, mano_picture
+from hand_recon.rehearsal.freihand_mano import ManoImage, mano_image
 from hand_recon.schema import HandParameters
 
 VERSIONS: Final = 4
-"""FreiHAND shows every training hand on four backgrounds; file i + N·v is version v of hand i."""
+"""Backgrounds per training hand; file i + N·v is version v of hand i."""
 
 SIZE: Final = 224
-"""Side of its pictures, pixels."""
+"""Side of the images, pixels."""
 
 FREIHAND_LIKE: Final[Level] = replace(
     DIFFICULTIES["medium"], name="freihand", cone=180.0, roll=180.0, focal=(366.0, 1131.0),
     principal_x=(107.0, 194.0), principal_y=(80.0, 119.0), fill=(0.33, 0.43), calm_background=0.1,
     clutter=0.3,
 )  # fmt: skip
-"""Focal lengths, principal points and hand sizes as in twenty of its pictures."""
+"""Level with focal lengths, principal points and hand sizes as in twenty images of FreiHAND."""
 
 _SCALE_BONE: Final = (LANDMARKS.index("middle MCP"), LANDMARKS.index("middle PIP"))
 
 
 @dataclass(frozen=True)
 class FreiHandFolder:
-    """What to write."""
+    """Contents of the folder to write."""
 
     unique: int
-    """Training hands, each with four pictures."""
+    """Number of training hands, each with four images."""
     evaluation: int
-    """Evaluation pictures."""
+    """Number of evaluation images."""
     with_vertices: bool = True
-    """Whether to write `*_verts.json`."""
+    """True writes `*_verts.json`."""
     with_mano: bool = False
-    """Whether to write `training_mano.json`: right in shape (1×61), but its numbers are the open hand's joint
-    angles and shape padded with zeros, no MANO parameters."""
+    """True writes `training_mano.json` in the right shape (1×61), but with the open hand's joint angles and
+    shape padded with zeros, which are no MANO parameters."""
     mano: ManoLayer | None = None
-    """MANO's right hand with the landmark set `mano`. It makes all hands, drawn plainly, and
-    `training_mano.json` has their parameters."""
+    """MANO's right hand with the landmark set `mano`. If given, all hands are MANO's, drawn in flat colours,
+    and `training_mano.json` holds their parameters."""
     seed: int = 0
-    """Of the hands."""
+    """Seed of the hands."""
 
 
 def write_freihand_layout(root: Path, folder: FreiHandFolder) -> None:
-    """Write the pictures and annotations.
+    """Write images and annotations.
 
     Args:
-        root: Becomes what `FreiHAND_pub_v2` is, with the published evaluation annotations beside.
-        folder: What to write.
+        root: Folder to create, which corresponds to `FreiHAND_pub_v2` with the published evaluation
+            annotations.
+        folder: Contents to write.
 
     Raises:
-        ValueError: There would be no pictures.
-        FileExistsError: The root already has training pictures.
+        ValueError: There would be no images.
+        FileExistsError: The folder already has training images.
     """
     if folder.unique < 1 or folder.evaluation < 0:
         raise ValueError(
             f"Nothing to write: {folder.unique} training hands and {folder.evaluation} evaluation "
-            "pictures; ask for at least one training hand."
+            "images; ask for at least one training hand."
         )
     if (root / "training").exists():
         raise FileExistsError(f"{root / 'training'} exists already; choose another root.")
@@ -88,10 +89,10 @@ def write_freihand_layout(root: Path, folder: FreiHandFolder) -> None:
 def _write_split(root: Path, name: str, folder: FreiHandFolder, recipe: Recipe) -> None:
     training = name == "training"
     count = folder.unique if training else folder.evaluation
-    hands: list[SyntheticHand | ManoPicture] = []
+    hands: list[SyntheticHand | ManoImage] = []
     for index in range(count):
         for version in range(VERSIONS if training else 1):
-            hand = _picture(folder, recipe, index, version)
+            hand = _render(folder, recipe, index, version)
             _write_image(root / name / "rgb" / f"{index + count * version:08d}.jpg", hand.image)
         if training:
             _write_image(root / name / "mask" / f"{index:08d}.jpg", _as_image(hand.mask))
@@ -105,11 +106,11 @@ def _write_split(root: Path, name: str, folder: FreiHandFolder, recipe: Recipe) 
         _write_json(root / f"{name}_mano.json", [_mano_numbers(hand) for hand in hands])
 
 
-def _picture(
+def _render(
     folder: FreiHandFolder, recipe: Recipe, index: int, version: int
-) -> SyntheticHand | ManoPicture:
+) -> SyntheticHand | ManoImage:
     if folder.mano is not None:
-        return mano_picture(folder.mano, recipe, index, version)
+        return mano_image(folder.mano, recipe, index, version)
     return synthetic_hand(recipe, index, appearance=version)
 
 
@@ -126,14 +127,14 @@ def _write_json(path: Path, arrays: list[np.ndarray]) -> None:
     path.write_text(json.dumps([array.tolist() for array in arrays]), encoding="utf-8")
 
 
-def _scale(hand: SyntheticHand | ManoPicture) -> float:
+def _scale(hand: SyntheticHand | ManoImage) -> float:
     """Length of the middle finger's proximal phalanx, metres."""
     start, end = (hand.landmarks_3d[landmark].astype(float) for landmark in _SCALE_BONE)
     return float(np.linalg.norm(start - end))
 
 
-def _vertices(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "vertex 3"]:
-    if isinstance(hand, ManoPicture):
+def _vertices(hand: SyntheticHand | ManoImage) -> Float[np.ndarray, "vertex 3"]:
+    if isinstance(hand, ManoImage):
         return hand.vertices
     parts = (hand.joint_angles, hand.shape, hand.root_rotation, hand.translation)
     parameters = HandParameters(*(torch.from_numpy(part).float() for part in parts))
@@ -141,9 +142,9 @@ def _vertices(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "vertex 3"
         return np.asarray(open_hand("mano").to_camera(parameters).vertices.numpy())
 
 
-def _mano_numbers(hand: SyntheticHand | ManoPicture) -> Float[np.ndarray, "1 61"]:
-    """MANO's, or three zeros, 45 joint angles, ten shape coefficients, then uv and scale as FreiHAND has."""
-    if isinstance(hand, ManoPicture):
+def _mano_numbers(hand: SyntheticHand | ManoImage) -> Float[np.ndarray, "1 61"]:
+    """MANO's 61 numbers; for the open hand three zeros, 45 joint angles, 10 shape coefficients, uv, scale."""
+    if isinstance(hand, ManoImage):
         return hand.label
     root = hand.landmarks_3d[_SCALE_BONE[0]].astype(float)
     focal = (hand.intrinsics[0, 0] + hand.intrinsics[1, 1]) / 2

@@ -1,7 +1,7 @@
-"""Hands of the user's own MANO for FreiHAND's layout, so that `training_mano.json` says what it means there.
+"""Images of the user's own MANO for FreiHAND's layout, with valid entries of `training_mano.json`.
 
-Natural gestures are written in FreiHAND's 61 numbers, and what those numbers mean is what is drawn and
-written as points: by painting triangles from back to front, which takes milliseconds.
+Natural gestures are converted to FreiHAND's 61 numbers; images and 3D points are computed from these numbers.
+Hands are drawn by painting triangles from back to front, which takes milliseconds.
 """
 
 from dataclasses import dataclass
@@ -24,26 +24,31 @@ _LIGHT: Final = np.array([0.3, -0.5, -0.81])
 
 
 @dataclass(frozen=True)
-class ManoPicture:
-    """One picture and what is known of it; names as in `SyntheticHand`."""
+class ManoImage:
+    """One image with its ground truth; names as in `SyntheticHand`."""
 
     image: UInt8[np.ndarray, "height width 3"]
+    """RGB."""
     mask: Bool[np.ndarray, "height width"]
+    """True for pixels that show the hand."""
     intrinsics: Float[np.ndarray, "3 3"]
+    """Camera matrix, pixels."""
     landmarks_3d: Float[np.ndarray, "landmark=21 3"]
+    """Camera frame, metres."""
     vertices: Float[np.ndarray, "vertex 3"]
+    """Camera frame, metres."""
     label: Float[np.ndarray, "1 number=61"]
-    """An entry of `training_mano.json`."""
+    """Entry of `training_mano.json`."""
 
 
-def mano_picture(layer: ManoLayer, recipe: Recipe, index: int, appearance: int) -> ManoPicture:
-    """The picture of that index, the same wherever and whenever it is made.
+def mano_image(layer: ManoLayer, recipe: Recipe, index: int, appearance: int) -> ManoImage:
+    """Generate one image; the result depends on the arguments only.
 
     Args:
         layer: MANO's right hand with the landmark set `mano`.
-        recipe: Its split, camera and size of the hand.
-        index: Which hand.
-        appearance: Other numbers give the same hand before another background.
+        recipe: Split, camera and size of the hand.
+        index: Index of the hand.
+        appearance: Index of the background; others show the same hand.
     """
     random = recipe.random(index, "MANO hand")
     label, intrinsics = _label(random, layer, recipe)
@@ -56,23 +61,23 @@ def mano_picture(layer: ManoLayer, recipe: Recipe, index: int, appearance: int) 
     image[:] = backdrop
     mask = np.zeros(image.shape[:2], np.uint8)
     _paint(image, mask, vertices[layer.hand.faces.numpy()], intrinsics)
-    return ManoPicture(image, mask > 0, intrinsics, landmarks, vertices, label[None])
+    return ManoImage(image, mask > 0, intrinsics, landmarks, vertices, label[None])
 
 
 def _label(
     random: np.random.Generator, layer: ManoLayer, recipe: Recipe
 ) -> tuple[Float[np.ndarray, " number=61"], Float[np.ndarray, "3 3"]]:
-    """A hand in FreiHAND's numbers, and its camera."""
+    """Draw a hand in FreiHAND's numbers, and its camera matrix."""
     level, size = recipe.level, recipe.crop_size
     axis = random.normal(size=3)
     rotation = axis / np.linalg.norm(axis) * random.uniform(0, np.pi)
     model = layer.hand
     angles = torch.from_numpy(sample_pose(random, held_out=recipe.held_out)).to(model.frames)
-    turns = rotation_to_axis_angle(joint_rotations(angles, model.frames, model.rest_angles))
-    residual = (turns.flatten() - layer.hands_mean).numpy()
+    axis_angles = rotation_to_axis_angle(joint_rotations(angles, model.frames, model.rest_angles))
+    residual = (axis_angles.flatten() - layer.hands_mean).numpy()
     shape = np.clip(random.normal(scale=0.7, size=10), -2, 2)
     pixel = size / 2 + random.uniform(-0.03, 0.03, size=2) * size
-    # A tenth of a metre, from the middle MCP to the tips, covers the level's share of the picture.
+    # 0.1 m, about the distance from the middle MCP to the tips, spans the level's share of the image.
     scale = random.uniform(*level.fill) * size / 0.1
     focal = random.uniform(*level.focal)
     centre = random.uniform(*level.principal_x), random.uniform(*level.principal_y)
@@ -92,7 +97,7 @@ def _paint(
     shade = 0.45 + 0.55 * np.abs(normals @ _LIGHT)
     colours = (shade[:, None] * [225, 170, 140]).astype(int).tolist()
     projected = project_array(corners, intrinsics)
-    # Sixteenths of a pixel; OpenCV counts from pixel centres.
+    # OpenCV takes sixteenths of a pixel, measured from pixel centres.
     pixels = np.round((projected - 0.5) * 16).astype(np.int32)
     for face in np.argsort(-corners[..., 2].mean(axis=1)).tolist():
         cv2.fillConvexPoly(image, pixels[face], colours[face], shift=4)

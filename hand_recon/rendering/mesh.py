@@ -1,4 +1,4 @@
-"""Shaded pictures of a hand mesh, ray cast: no display and no graphics driver needed."""
+"""Ray-cast, shaded images of a hand mesh, without a display or graphics driver."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,17 +16,17 @@ _SUPERSAMPLING: Final = 2
 
 @dataclass(frozen=True)
 class Shaded:
-    """A picture of a mesh alone."""
+    """Image of a mesh without a background."""
 
     colour: Float[np.ndarray, "height width 3"]
     """RGB, 0–255, already multiplied by the coverage."""
     coverage: Float[np.ndarray, "height width 1"]
-    """How much of each pixel the mesh covers, 0–1."""
+    """Share of each pixel that the mesh covers, 0–1."""
 
     def over(
         self, background: UInt8[np.ndarray, "height width 3"], opacity: float = 1.0
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """The mesh in front of a picture of the same size."""
+        """Blend the mesh over an image of the same size."""
         below = background.astype(np.float64) * (1 - opacity * self.coverage)
         blended: UInt8[np.ndarray, "height width 3"] = (
             (below + opacity * self.colour).round().clip(0, 255).astype(np.uint8)
@@ -40,13 +40,13 @@ def shade(
     intrinsics: Float[np.ndarray, "3 3"],
     size: int,
 ) -> Shaded:
-    """What a camera sees of a mesh.
+    """Render a mesh.
 
     Args:
         vertices: Camera frame, metres.
         faces: Triangles.
-        intrinsics: Camera matrix of a square picture, pixels, pixel i covering [i, i + 1).
-        size: Side of the picture, pixels.
+        intrinsics: Camera matrix of a square image, pixels; pixel i covers [i, i + 1).
+        size: Side of the image, pixels.
     """
     fine = size * _SUPERSAMPLING
     centres = (np.arange(fine) + 0.5) / _SUPERSAMPLING
@@ -56,38 +56,37 @@ def shade(
     normals = _vertex_normals(vertices, faces)
     smooth = np.einsum("hc,hcx->hx", hits.weights, normals[faces[hits.face]])
     smooth /= np.linalg.norm(smooth, axis=1, keepdims=True).clip(min=1e-12)
-    # Facing the viewer whatever the winding: an open wrist shows its inside.
+    # Normals face the camera for either winding, because the inside is visible through the open wrist.
     smooth *= np.where((smooth * rays[hits.ray]).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
     brightness = 0.35 + 0.65 * (smooth @ (_LIGHT / np.linalg.norm(_LIGHT))).clip(min=0)
-    picture = np.zeros((fine * fine, 4))
-    picture[hits.ray, :3] = brightness[:, None] * _COLOUR
-    picture[hits.ray, 3] = 1.0
-    small = cv2.resize(picture.reshape(fine, fine, 4), (size, size), interpolation=cv2.INTER_AREA)
+    image = np.zeros((fine * fine, 4))
+    image[hits.ray, :3] = brightness[:, None] * _COLOUR
+    image[hits.ray, 3] = 1.0
+    small = cv2.resize(image.reshape(fine, fine, 4), (size, size), interpolation=cv2.INTER_AREA)
     return Shaded(small[..., :3], small[..., 3:])
 
 
 def from_the_side(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], size: int
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The mesh turned a quarter about the vertical, filling a white picture.
+    """Render the mesh rotated by 90° about the vertical axis, scaled to fill a white image.
 
-    What a projection hides shows here: a hand can fit its picture from the front and be impossible in
-    depth.
+    This view shows errors in depth, which the projection to the image hides.
 
     Args:
         vertices: Camera frame, metres.
         faces: Triangles.
-        size: Side of the picture, pixels.
+        size: Side of the image, pixels.
     """
     centred = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    turned = centred @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]).T
+    rotated = centred @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]).T
     focal, distance = 4.0 * size, 1.0
-    # Over all three axes: a hand seen end-on must not reach the camera.
-    extent = np.abs(turned).max() / 0.45
-    turned = turned / extent * 0.25 + np.array([0.0, 0.0, distance])
+    # The extent is over all three axes, so that a hand seen end-on does not reach the camera.
+    extent = np.abs(rotated).max() / 0.45
+    rotated = rotated / extent * 0.25 + np.array([0.0, 0.0, distance])
     intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
     white = np.full((size, size, 3), 255, dtype=np.uint8)
-    return shade(turned, faces, intrinsics, size).over(white)
+    return shade(rotated, faces, intrinsics, size).over(white)
 
 
 def _vertex_normals(

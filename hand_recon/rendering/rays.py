@@ -1,4 +1,4 @@
-"""Ray casting with embree: what a pixel sees, what a light reaches, which joints are hidden."""
+"""Ray casting with Embree, for rendering, shadows and occlusion of landmarks."""
 
 from dataclasses import dataclass
 
@@ -10,29 +10,29 @@ from jaxtyping import Bool, Float, Int
 
 @dataclass(frozen=True)
 class Hits:
-    """The nearest surface along the rays that meet one."""
+    """Nearest intersections of rays with triangles; rays without one are left out."""
 
     ray: Int[np.ndarray, " hit"]
-    """Which ray."""
+    """Index of the ray."""
     face: Int[np.ndarray, " hit"]
-    """Which triangle."""
+    """Index of the triangle."""
     weights: Float[np.ndarray, "hit 3"]
-    """Barycentric coordinates in it."""
+    """Barycentric coordinates in the triangle."""
     distance: Float[np.ndarray, " hit"]
-    """Along the ray, in lengths of its direction."""
+    """Distance along the ray, in multiples of its direction's length."""
 
 
 class RayScene:
-    """Triangles ready for rays."""
+    """Triangles in a structure for fast ray casting."""
 
     def __init__(
         self, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
     ) -> None:
-        """Build the tree.
+        """Build the bounding volume hierarchy.
 
         Args:
-            vertices: Metres.
-            faces: Their triangles.
+            vertices: Vertices, metres.
+            faces: Triangles.
         """
         self._scene = EmbreeScene()
         self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
@@ -40,7 +40,7 @@ class RayScene:
     def nearest(
         self, origins: Float[np.ndarray, "ray 3"], directions: Float[np.ndarray, "ray 3"]
     ) -> Hits:
-        """What each ray meets first; rays that meet nothing are left out."""
+        """First intersection of each ray; rays without one are left out."""
         found = self._scene.run(
             np.ascontiguousarray(origins, dtype=np.float32),
             np.ascontiguousarray(directions, dtype=np.float32),
@@ -58,12 +58,12 @@ class RayScene:
         directions: Float[np.ndarray, "ray 3"],
         reach: float = 10.0,
     ) -> Bool[np.ndarray, " ray"]:
-        """Whether a ray meets anything within a distance.
+        """Test each ray for any intersection within a distance.
 
         Args:
-            origins: Metres.
-            directions: Of unit length.
-            reach: Metres.
+            origins: Starting points, metres.
+            directions: Unit vectors.
+            reach: Largest distance, metres.
         """
         found = self._scene.run(
             np.ascontiguousarray(origins, dtype=np.float32),

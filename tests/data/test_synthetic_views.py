@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from hand_recon.camera import project
-from hand_recon.data.synthetic import image_store as picture_store
+from hand_recon.data.synthetic import image_store
 from hand_recon.data.synthetic.datamodule import SyntheticDataModule
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.data.synthetic.recipe import Recipe, level_named
@@ -166,8 +166,8 @@ def test_no_picture_is_painted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
     def never(*_: object) -> None:
         raise AssertionError("painted")
 
-    monkeypatch.setattr(picture_store, "synthetic_hand", never)
-    monkeypatch.setattr("hand_recon.data.synthetic.scene.paint_picture", never)
+    monkeypatch.setattr(image_store, "synthetic_hand", never)
+    monkeypatch.setattr("hand_recon.data.synthetic.scene.render_image", never)
     assert len(hands(cache, "train", 3)) == 3
 
 
@@ -175,7 +175,7 @@ def test_views_and_pictures_of_one_recipe_live_apart(cache: Path) -> None:
     recipes = [
         Recipe("train", level_named("hard"), 224, 0, pictures=which) for which in (True, False)
     ]
-    assert len({picture_store.store_path(cache, recipe, 6) for recipe in recipes}) == 2
+    assert len({image_store.store_path(cache, recipe, 6) for recipe in recipes}) == 2
 
 
 def test_loaders_ask_for_whole_batches(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,1 +1,1 @@
-"""Pictures of the open hand with labels: the embedded dataset that needs no download."""
+"""Synthetic dataset: labelled images of the open hand, rendered locally without a download."""

@@ -1,4 +1,4 @@
-"""What is behind the hand: walls, gradients, cloth, noise, shapes and clutter; sRGB in 0–1."""
+"""Procedural backgrounds: gradients, noise, stripes, shapes and clutter; sRGB in 0–1."""
 
 import cv2
 import numpy as np
@@ -13,13 +13,13 @@ Share = Float[np.ndarray, "height width 1"]
 def sample_background(
     random: np.random.Generator, level: Level, size: int, *, held_out: bool
 ) -> Image:
-    """A background of the level.
+    """Draw a background.
 
     Args:
         random: Source of randomness.
-        level: How calm or cluttered.
+        level: Level with the probabilities of calm and cluttered backgrounds.
         size: Side, pixels.
-        held_out: Whether tiles and cells, which training never sees, may appear.
+        held_out: True adds tiles and cells, which occur in the test split only.
     """
     if random.random() < level.calm_background:
         return _gradient(random, size, calm=True)
@@ -32,7 +32,7 @@ def sample_background(
 
 
 def _colours(random: np.random.Generator, count: int) -> Float[np.ndarray, "colour 3"]:
-    """Related colours: one hue family, varied, so that a background looks like one place."""
+    """Draw variations of one base colour, so that a background looks like one place."""
     base = random.uniform(0.1, 0.9, size=3)
     base = base.mean() + (base - base.mean()) * random.uniform(0.05, 0.6)
     return np.clip(
@@ -45,7 +45,7 @@ def _colours(random: np.random.Generator, count: int) -> Float[np.ndarray, "colo
 
 
 def _gradient(random: np.random.Generator, size: int, *, calm: bool = False) -> Image:
-    """Light falling off along a wall."""
+    """Smooth gradient between two colours with grain, like light that falls off along a wall."""
     ends = _colours(random, 2)
     if calm:
         ends[1] = ends[0] + 0.25 * (ends[1] - ends[0])
@@ -69,25 +69,25 @@ def _smooth_noise(random: np.random.Generator, size: int) -> Share:
 
 
 def _noise(random: np.random.Generator, size: int) -> Image:
-    """Foliage, stone, carpet."""
+    """Two colours mixed by smooth noise, like foliage, stone or carpet."""
     colours = _colours(random, 2)
     share = _smooth_noise(random, size)
     return np.clip(colours[0] * (1 - share) + colours[1] * share, 0, 1)
 
 
 def _stripes(random: np.random.Generator, size: int) -> Image:
-    """Blinds, boards, cloth."""
+    """Stripes of two colours at a random angle, like blinds, boards or cloth."""
     colours = _colours(random, 2)
-    turn, waves = random.uniform(0, np.pi), random.uniform(2, 12)
+    angle, waves = random.uniform(0, np.pi), random.uniform(2, 12)
     grid = np.linspace(0, 1, size, dtype=np.float32)
-    along = np.cos(turn) * grid[None, :] + np.sin(turn) * grid[:, None]
+    along = np.cos(angle) * grid[None, :] + np.sin(angle) * grid[:, None]
     sharp = random.uniform(0.7, 6)
     share = 0.5 + 0.5 * np.tanh(sharp * np.sin(2 * np.pi * waves * along))[..., None]
     return (colours[0] * (1 - share) + colours[1] * share) * _light(random, size)
 
 
 def _shapes(random: np.random.Generator, size: int) -> Image:
-    """Furniture, out of focus."""
+    """Blurred shapes on a gradient, like furniture out of focus."""
     canvas = np.ascontiguousarray(_gradient(random, size), dtype=np.float32)
     _draw(random, canvas, int(random.integers(4, 14)), _colours(random, 6))
     blur = random.uniform(0.3, 4) * size / 224
@@ -95,7 +95,7 @@ def _shapes(random: np.random.Generator, size: int) -> Image:
 
 
 def _clutter(random: np.random.Generator, size: int) -> Image:
-    """Everything at once, some of it the colour of skin."""
+    """Many shapes on noise, some in the colours of skin."""
     canvas = np.ascontiguousarray(_noise(random, size), dtype=np.float32)
     skins = np.array([[0.93, 0.75, 0.63], [0.75, 0.52, 0.38], [0.45, 0.30, 0.22]])
     colours = np.concatenate([random.uniform(0, 1, size=(8, 3)), skins])
@@ -110,7 +110,7 @@ def _draw(
     count: int,
     colours: Float[np.ndarray, "colour 3"],
 ) -> None:
-    """Ellipses, polygons and bars onto the canvas."""
+    """Draw random ellipses and polygons on the canvas."""
     size = len(canvas)
     for _ in range(count):
         colour = [float(c) for c in colours[random.integers(len(colours))]]
@@ -127,13 +127,13 @@ def _draw(
 
 
 def _light(random: np.random.Generator, size: int) -> Share:
-    """Uneven light to multiply with."""
+    """Smooth brightness map, 0.6–1, as a factor for uneven light."""
     corners = random.uniform(0.6, 1, size=(3, 3)).astype(np.float32)
     return cv2.resize(corners, (size, size), interpolation=cv2.INTER_LINEAR)[..., None]
 
 
 def _cells(random: np.random.Generator, size: int) -> Image:
-    """Pebbles: the nearest of some points decides the colour. Test split only."""
+    """Voronoi cells in related colours, like pebbles; in the test split only."""
     points = random.uniform(0, 1, size=(int(random.integers(10, 30)), 2)).astype(np.float32)
     colours = _colours(random, len(points))
     grid = np.linspace(0, 1, size, dtype=np.float32)
@@ -142,7 +142,7 @@ def _cells(random: np.random.Generator, size: int) -> Image:
 
 
 def _tiles(random: np.random.Generator, size: int) -> Image:
-    """A tiled floor. Test split only."""
+    """Checkerboard of two colours, like a tiled floor; in the test split only."""
     colours = _colours(random, 2)
     count = random.uniform(3, 10)
     grid = np.linspace(0, 1, size, dtype=np.float32) * count

@@ -1,4 +1,4 @@
-"""Rendered hands for Lightning (Sec. 4.1)."""
+"""Data module of rendered hands (Sec. 4.1)."""
 
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from hand_recon.schema import HandParameters
 
 
 class SyntheticDataModule(HandDataModule):
-    """Rendered hands, made on first use: no files, no registration."""
+    """Synthetic hands, rendered on first use and cached; they need no download or registration."""
 
     name = "synthetic"
 
@@ -35,23 +35,23 @@ class SyntheticDataModule(HandDataModule):
         seed: int = 0,
         data_seed: int = 0,
     ) -> None:
-        """Remember what to render.
+        """Configure the three splits; images are rendered when a split is first used.
 
         Args:
-            level: How hard the pictures are.
-            train_size: Number of training pictures.
-            val_size: Number of validation pictures.
-            test_size: Number of test pictures, of gestures and shapes that training never shows.
-            crop_size: Side of a picture, pixels.
-            cache_dir: Where rendered pictures are kept.
-            render_workers: Processes that render.
+            level: Level of difficulty, a key of `DIFFICULTIES`.
+            train_size: Number of training images.
+            val_size: Number of validation images.
+            test_size: Number of test images; their gestures and shapes do not occur in training.
+            crop_size: Side of an image, pixels.
+            cache_dir: Folder for rendered images.
+            render_workers: Number of processes that render.
             landmarks: The hand's landmark set.
-            pictures: Whether there are pictures, or landmarks alone, in crops of 224 pixels.
+            pictures: True renders images; False gives landmarks only, in crops of 224 pixels.
             batch_size: Hands per batch and process.
-            workers: Loading processes.
-            augmentation: Applied to training batches.
-            seed: Fixes the order of samples and the augmentation.
-            data_seed: Fixes the pictures: the same for all seeds of a study.
+            workers: Number of loading processes.
+            augmentation: Augmentation of training batches.
+            seed: Seed of the order of samples and of the augmentation.
+            data_seed: Seed of the images, the same for all seeds of a study.
         """
         self.landmarks = landmarks
         self.name = "synthetic" if pictures else "views"
@@ -78,14 +78,14 @@ class SyntheticDataModule(HandDataModule):
         )
 
     def ground_truth_dataset(self) -> HandDataset:
-        """The training pictures, with their surfaces."""
+        """Training set with vertices."""
         return self._split(split="train", size=self._train_size, with_vertices=True)
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
-        """All splits but training have them anyway."""
+        """Split with vertices; all splits except training have them by default."""
         return self.ground_truth_dataset() if split == "train" else self.dataset(split)
 
     def train_parameters(self, limit: int | None = None) -> HandParameters:
-        """What made the training pictures."""
+        """Hand parameters of the training images, spread evenly over the set."""
         hands = self._split(split="train", size=self._train_size)
         return hands.parameters(torch.tensor(evenly_spaced(len(hands), limit or len(hands))))

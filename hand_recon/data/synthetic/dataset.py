@@ -1,4 +1,4 @@
-"""Synthetic hands as a dataset: rendered on first use, then read from disk."""
+"""Dataset of synthetic hands, which are rendered on first use and then read from disk."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -16,20 +16,20 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.schema import HandBatch, HandParameters, HandSample
 
-_NO_PICTURE: Final = torch.empty(3, 0, 0, dtype=torch.uint8)
+_NO_IMAGE: Final = torch.empty(3, 0, 0, dtype=torch.uint8)
 
 _SAMPLE_COLUMNS: Final = (
     "landmarks_2d", "labelled", "intrinsics", "landmarks_3d", "occluded", "label_noise", "confidence",
 )  # fmt: skip
-"""What a sample has of the store's columns."""
+"""Columns of the store that samples contain."""
 
 
 class SyntheticHands(Dataset[HandSample]):
-    """Pictures of the open hand with 2D labels, and the truth for evaluation.
+    """Images of the open hand with 2D labels, and 3D ground truth for evaluation.
 
-    Picture i is the same wherever it is made. Training and validation share gestures; the test split has
-    gestures, shapes and backgrounds of its own, and labels without noise. Views have no pictures: the
-    noisy landmarks of every split are all that there is to see.
+    Image i does not depend on the machine or the number of workers. Training and validation share gestures;
+    the test split has other gestures, shapes and backgrounds, and labels without noise. Views
+    (`pictures=False`) have landmarks without images, and noisy labels in every split.
     """
 
     def __init__(
@@ -46,19 +46,19 @@ class SyntheticHands(Dataset[HandSample]):
         with_vertices: bool | None = None,
         pictures: bool = True,
     ) -> None:
-        """Open the set, rendering it first if the cache does not have it.
+        """Open the set; it is rendered first if the cache does not have it.
 
         Args:
             split: `train`, `val` or `test`.
-            size: Number of pictures.
-            crop_size: Side of a picture, pixels.
+            size: Number of images.
+            crop_size: Side of an image, pixels.
             level: A key of `hand_recon.data.synthetic.levels.DIFFICULTIES`.
-            seed: Of the whole set.
-            cache_dir: Where rendered sets are kept.
-            workers: Processes that render; 0 or 1 renders in this one.
+            seed: Seed of the whole set.
+            cache_dir: Folder for rendered sets.
+            workers: Number of processes that render; 0 or 1 renders in this process.
             landmarks: The hand's landmark set, `knuckle` or `mano`.
-            with_vertices: Whether samples carry vertices, posed when read; by default all but training's.
-            pictures: Whether to render; views without pictures are a hundred times cheaper.
+            with_vertices: True adds vertices, posed when read; by default in all splits except training.
+            pictures: True renders images; views without images are a hundred times cheaper.
 
         Raises:
             ValueError: The split or level is unknown, or a size is too small.
@@ -78,17 +78,17 @@ class SyntheticHands(Dataset[HandSample]):
         return len(self._labels["labelled"])
 
     def __getitem__(self, index: int) -> HandSample:
-        """The picture with its labels.
+        """Read one image with its labels.
 
         Raises:
-            IndexError: There is no such picture.
+            IndexError: The index is out of range.
         """
         if not 0 <= index < len(self):
-            raise IndexError(f"Picture {index} of {len(self)} synthetic hands does not exist.")
+            raise IndexError(f"Image {index} of {len(self)} synthetic hands does not exist.")
         labels = self._labels
-        pictures = self.recipe.pictures
+        with_images = self.recipe.pictures
         return HandSample(
-            image=torch.from_numpy(self.images[index].copy()) if pictures else _NO_PICTURE,
+            image=torch.from_numpy(self.images[index].copy()) if with_images else _NO_IMAGE,
             landmarks_2d=labels["landmarks_2d"][index],
             labelled=labels["labelled"][index],
             index=index,
@@ -102,31 +102,31 @@ class SyntheticHands(Dataset[HandSample]):
         )
 
     def batch(self, indices: list[int]) -> HandBatch:
-        """Several samples at once, as `collate` would stack them: a hundred times faster for views."""
-        where = torch.tensor(indices)
-        rows = {name: self._labels[name][where] for name in _SAMPLE_COLUMNS}
+        """Read several samples at once; the result equals `collate`'s, a hundred times faster for views."""
+        index = torch.tensor(indices)
+        rows = {name: self._labels[name][index] for name in _SAMPLE_COLUMNS}
         if self.recipe.pictures:
             image = torch.from_numpy(np.stack([self.images[index] for index in indices]))
         else:
-            image = _NO_PICTURE.expand(len(indices), 3, 0, 0)
-        vertices = self.vertices(where) if self.with_vertices else None
+            image = _NO_IMAGE.expand(len(indices), 3, 0, 0)
+        vertices = self.vertices(index) if self.with_vertices else None
         sources = (self._source,) * len(indices)
-        return HandBatch(image=image, index=where, source=sources, vertices=vertices, **rows)
+        return HandBatch(image=image, index=index, source=sources, vertices=vertices, **rows)
 
     @property
     def images(self) -> np.ndarray:
-        """All pictures (size, 3, height, width), bytes, mapped from disk by each process for itself."""
+        """All images (size, 3, height, width), bytes; each process maps the file into memory itself."""
         if self._images is None:
             self._images = np.load(self.folder / "images.npy", mmap_mode="r")
         return self._images
 
     @property
     def landmarks_3d(self) -> Float[Tensor, "size landmark=21 3"]:
-        """The truth of the whole set, camera's frame, metres."""
+        """Ground truth of the whole set, camera frame, metres."""
         return self._labels["landmarks_3d"]
 
     def parameters(self, index: int | slice | Tensor) -> HandParameters:
-        """Pose, shape and placement that made a picture, or several."""
+        """Ground-truth parameters of one or several hands."""
         labels = self._labels
         return HandParameters(
             joint_angles=labels["joint_angles"][index],
@@ -136,18 +136,18 @@ class SyntheticHands(Dataset[HandSample]):
         )
 
     def vertices(self, index: int | slice | Tensor) -> Float[Tensor, "*batch vertex 3"]:
-        """The surface in the camera's frame, metres, posed from the stored parameters."""
+        """Vertices in the camera's frame, metres, posed from the stored parameters."""
         hand = self._hand or open_hand(self.recipe.landmarks)
         with torch.no_grad():
             return hand.to_camera(self.parameters(index)).vertices
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the mapping out: pickled, it would carry every pixel to each loader's worker."""
+        """Leave out the memory map; pickling it would copy every pixel to each loading process."""
         return {**self.__dict__, "_images": None}
 
 
 def _upright(labels: dict[str, Tensor], crop_size: int) -> dict[str, Tensor]:
-    """The same views in crops around the landmarks with the fingers up, cameras and truth with them."""
+    """Rotate views into upright crops around the landmarks, with their cameras and ground truth."""
     motion = upright_motion(labels["landmarks_2d"], labels["labelled"], crop_size)
     linear, offset = motion.pixels[:, :2, :2], motion.pixels[:, :2, 2]
     camera = motion.camera

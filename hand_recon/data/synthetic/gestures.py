@@ -1,7 +1,7 @@
-"""Natural poses: a library of named gestures and grasps, mixed and perturbed.
+"""Natural poses: mixtures of named gestures and grasps, with noise.
 
-The poses are natural because people make them, each family with its source in `gestures.yaml`. No range
-table enters, so that what a prior says about ranges can be tested on them.
+Each family of gestures has its source in `gestures.yaml`. The poses do not depend on any table of ranges of
+motion, so priors on ranges can be tested on them.
 """
 
 from dataclasses import dataclass
@@ -21,28 +21,28 @@ _THUMB_ANGLES: Final = (
     ("thumb CMC", BEND), ("thumb CMC", SPLAY), ("thumb MCP", BEND), ("thumb IP", BEND),
 )  # fmt: skip
 DIP_FOLLOWS_PIP: Final = 2 / 3
-"""Noise on a PIP joint moves its DIP joint by this much: one tendon bends both (Sec. 3.2)."""
+"""Noise of a DIP joint over that of its PIP joint; one tendon bends both (Sec. 3.2)."""
 _OVERSTRETCHED: Final = np.radians(-5.0)
-"""Least bend of a PIP or DIP joint in a natural pose."""
+"""Least bend of a PIP or DIP joint in a natural pose, radians."""
 
 
 @dataclass(frozen=True)
 class Gesture:
-    """One named pose."""
+    """One named pose of the library."""
 
     name: str
-    """Unique in the library."""
+    """Name, unique in the library."""
     family: str
-    """Where it comes from."""
+    """Family, which has a source in `gestures.yaml`."""
     held_out: bool
-    """Whether only the test split sees it."""
+    """True for gestures of the test split only."""
     joint_angles: Float[np.ndarray, "joint=15 axis=3"]
     """Bend, splay and twist from the anatomical neutral, radians."""
 
 
 @cache
 def gesture_library() -> tuple[Gesture, ...]:
-    """Every gesture of `gestures.yaml`.
+    """Read all gestures of `gestures.yaml`.
 
     Raises:
         ValueError: An entry is malformed or a held-out name does not exist.
@@ -57,7 +57,10 @@ def gesture_library() -> tuple[Gesture, ...]:
     )
     unknown = held_out - {gesture.name for gesture in library}
     if unknown:
-        raise ValueError(f"gestures.yaml holds out {sorted(unknown)}, which it does not define.")
+        raise ValueError(
+            f"gestures.yaml holds out {sorted(unknown)}, which it does not define; use the names of "
+            "its gestures."
+        )
     return library
 
 
@@ -85,7 +88,7 @@ def _angles(
 def _looked_up(
     name: str, cell: object, words: dict[str, list[float]], length: int
 ) -> tuple[float, ...]:
-    """The angles a word or a list stands for."""
+    """Angles of an entry, which is a word or a list of numbers."""
     angles = words.get(cell) if isinstance(cell, str) else cell
     if not isinstance(angles, list) or len(angles) != length:
         raise ValueError(
@@ -97,12 +100,12 @@ def _looked_up(
 def sample_pose(
     random: np.random.Generator, *, held_out: bool = False, noise: float = 4.0
 ) -> Float[np.ndarray, "joint=15 axis=3"]:
-    """A pose on the way between one, two or three gestures of one split.
+    """Draw a weighted mean of one, two or three gestures of one split, with noise.
 
     Args:
         random: Source of randomness.
-        held_out: Draw from the test split's gestures instead of training's.
-        noise: Standard deviation of the noise on bends, degrees; splays get half of it.
+        held_out: True draws from the test split's gestures, False from training's.
+        noise: Standard deviation of the noise on bends, degrees; on splays it is half as large.
 
     Returns:
         Bend, splay and twist from the anatomical neutral, radians.
@@ -115,7 +118,7 @@ def sample_pose(
     if count > 1 and random.random() < 0.2:
         angles = _fingers_apart(random, chosen)
     angles = angles + _noise(random, np.radians(noise))
-    # Fingers overstretch a little at their hinges, and noise must not make it much.
+    # PIP and DIP joints overstretch by a few degrees; the noise must not exceed that.
     hinges = [i for i, joint in enumerate(ARTICULATED) if joint.endswith(("PIP", "DIP"))]
     angles[hinges, BEND] = np.maximum(angles[hinges, BEND], _OVERSTRETCHED)
     return angles
@@ -124,7 +127,7 @@ def sample_pose(
 def _fingers_apart(
     random: np.random.Generator, chosen: list[Float[np.ndarray, "joint=15 axis=3"]]
 ) -> Float[np.ndarray, "joint=15 axis=3"]:
-    """Each finger from a gesture of its own, as when one finger leads a change of grip."""
+    """Take each finger from a randomly chosen gesture, as in a change between two gestures."""
     angles = np.empty_like(chosen[0])
     for finger in FINGERS:
         joints = [i for i, name in enumerate(ARTICULATED) if name.startswith(finger)]
@@ -133,7 +136,7 @@ def _fingers_apart(
 
 
 def _noise(random: np.random.Generator, deviation: float) -> Float[np.ndarray, "joint=15 axis=3"]:
-    """Small departures that neighbouring fingers share and that a DIP takes over from its PIP."""
+    """Draw noise on the angles, correlated between fingers and between a PIP and its DIP."""
     noise = np.zeros((15, 3))
     shared = random.normal(scale=deviation * 0.7, size=2)
     for finger in FINGERS[1:]:

@@ -1,7 +1,7 @@
-"""Synthetic hands on disk: rendered once, in parallel, resumed after an interruption.
+"""Cache of rendered synthetic hands: rendered once, in parallel, and resumed after an interruption.
 
-A store is a folder: `images.npy` (bytes, memory-mapped), `labels.npz` (everything else) and `manifest.json`.
-It grows under another name and is renamed when complete, so a folder that exists is whole.
+A store is a folder with `images.npy` (bytes, memory-mapped), `labels.npz` (all labels) and `manifest.json`.
+It is built under another name and renamed when complete, so a folder with the final name is complete.
 """
 
 import hashlib
@@ -29,85 +29,89 @@ from hand_recon.data.synthetic.scene import SyntheticView, synthetic_hand, synth
 from hand_recon.hand.open_hand import ASSET
 
 CHUNK: Final = 64
-"""Pictures that a worker renders between two reports; an interruption costs no more per worker."""
+"""Images per unit of work; an interruption loses at most this many per worker."""
 
 COLUMNS: Final[tuple[str, ...]] = (
     "landmarks_2d", "labelled", "label_noise", "confidence", "occluded", "landmarks_3d", "intrinsics",
     "joint_angles", "shape", "root_rotation", "translation",
 )  # fmt: skip
-"""What is stored of each picture besides its pixels; names as in `SyntheticView`."""
+"""Stored labels of each image; names as in `SyntheticView`."""
 
+_NOT_HASHED: Final = frozenset({"datamodule.py", "dataset.py", "image_store.py"})
+"""Modules of this package that images do not depend on."""
 
-_NOT_SEEN: Final = frozenset({"datamodule.py", "dataset.py", "image_store.py"})
-"""Modules that no picture depends on."""
+_HASHED_ELSEWHERE: Final = (
+    "camera.py", "rendering/rays.py", "hand/model.py", "hand/anatomical_frame.py", f"hand/{ASSET}",
+)  # fmt: skip
+"""Files of other packages that images depend on."""
 
 
 @dataclass(frozen=True)
 class _Chunk:
-    """A piece of work for one process."""
+    """Range of images that one process renders at once."""
 
     recipe: Recipe
-    """Of the whole set."""
+    """Recipe of the whole set."""
     folder: Path
-    """Where the store grows."""
+    """Folder of the incomplete store."""
     start: int
     """First index."""
     stop: int
-    """One past the last."""
+    """One past the last index."""
 
     @property
     def path(self) -> Path:
-        """Labels of the chunk; the file exists once the chunk is complete."""
+        """File with the chunk's labels, which exists once the chunk is complete."""
         return self.folder / f"chunk_{self.start:08d}.npz"
 
 
 def fingerprint(recipe: Recipe, size: int) -> str:
-    """Ten hex digits that change with the recipe, the renderer, the gestures and the hand."""
+    """Hash of the recipe, the renderer's source, the gestures and the hand, ten hexadecimal digits."""
     digest = hashlib.sha256(json.dumps([asdict(recipe), size], sort_keys=True).encode())
     own = files("hand_recon.data.synthetic")
     names = sorted(entry.name for entry in own.iterdir())
     for name in names:
-        if name.endswith((".py", ".yaml")) and name not in _NOT_SEEN:
+        if name.endswith((".py", ".yaml")) and name not in _NOT_HASHED:
             digest.update((own / name).read_bytes())
-    for name in ("model.py", "anatomical_frame.py", ASSET):
-        digest.update((files("hand_recon.hand") / name).read_bytes())
+    for name in _HASHED_ELSEWHERE:
+        digest.update((files("hand_recon") / name).read_bytes())
     return digest.hexdigest()[:10]
 
 
 def store_path(cache_dir: Path, recipe: Recipe, size: int) -> Path:
-    """Where the pictures of a recipe live."""
+    """Folder of a recipe's store."""
     resolution = f"x{recipe.crop_size}px" if recipe.pictures else "_views"
     name = f"synthetic_{recipe.level.name}_{recipe.split}_{size}{resolution}"
     return cache_dir / f"{name}_{fingerprint(recipe, size)}"
 
 
 def ensure_store(cache_dir: Path, recipe: Recipe, size: int, workers: int) -> Path:
-    """The folder with the pictures, rendered now if they are not there yet.
+    """Return the folder of a store, and render it first if it does not exist.
 
     Args:
-        cache_dir: Folder for this and other stores; made if missing.
-        recipe: What to render.
-        size: How many pictures.
-        workers: Processes; 0 or 1 renders in this one.
+        cache_dir: Folder for this and other stores; created if missing.
+        recipe: Recipe of the set.
+        size: Number of images.
+        workers: Number of processes; 0 or 1 renders in this process.
 
     Raises:
         ValueError: The size is not positive.
     """
     if size < 1:
-        raise ValueError(f"A synthetic set needs at least one picture, found size={size}.")
+        raise ValueError(f"A synthetic set needs at least one image, found size={size}.")
     path = store_path(cache_dir, recipe, size)
     if path.is_dir():
         return path
     cache_dir.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(path.with_suffix(".lock")):
-        # Whoever held the lock before may have finished the same set.
+        # Another process may have finished the same set while this one waited for the lock.
         if not path.is_dir():
             _build(path, recipe, size, workers)
     return path
 
 
 def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
-    """Render what is missing under a temporary name, then rename."""
+    """Render the missing chunks under a temporary name, then rename the folder."""
     growing = path.with_name(path.name + ".partial")
     growing.mkdir(exist_ok=True)
     images = growing / "images.npy"
@@ -120,8 +124,8 @@ def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
     ]
     missing = [chunk for chunk in chunks if not chunk.path.is_file()]
     began = time.perf_counter()
-    what = "hands" if recipe.pictures else "views"
-    with _progress(f"{size} {recipe.level.name} {recipe.split} {what}", size) as advance:
+    noun = "hands" if recipe.pictures else "views"
+    with _progress(f"{size} {recipe.level.name} {recipe.split} {noun}", size) as advance:
         advance(size - sum(chunk.stop - chunk.start for chunk in missing))
         _render_all(missing, workers, advance)
     seconds = time.perf_counter() - began
@@ -131,7 +135,7 @@ def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
 
 
 def _render_all(chunks: list[_Chunk], workers: int, advance: Callable[[int], None]) -> None:
-    """Every chunk, in this process or in several new ones."""
+    """Render all chunks, in this process or in several new ones."""
     if workers <= 1:
         for chunk in chunks:
             advance(_render_chunk(chunk))
@@ -145,7 +149,7 @@ def _render_all(chunks: list[_Chunk], workers: int, advance: Callable[[int], Non
 
 
 def _render_chunk(chunk: _Chunk) -> int:
-    """Render a chunk into the store; returns how many pictures that was."""
+    """Render a chunk into the store and return its number of images."""
     indices = range(chunk.start, chunk.stop)
     hands: list[SyntheticView] = []
     if chunk.recipe.pictures:
@@ -174,7 +178,7 @@ def _column(hands: list[SyntheticView], name: str) -> np.ndarray:
 
 
 def _finish(chunks: list[_Chunk], recipe: Recipe, work: dict[str, float]) -> None:
-    """Join the labels, write the manifest, remove what the build left behind."""
+    """Join the chunks' labels, write the manifest and remove temporary files."""
     folder = chunks[0].folder
     pieces = []
     for chunk in chunks:
@@ -204,17 +208,17 @@ def _finish(chunks: list[_Chunk], recipe: Recipe, work: dict[str, float]) -> Non
 
 
 @contextmanager
-def _progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on a terminal, a line for every tenth elsewhere."""
+def _progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar on a terminal, or print a line after every tenth."""
     console = Console(stderr=True)
     if console.is_terminal:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         with Progress(*columns, TimeRemainingColumn(), console=console) as bar:
-            task = bar.add_task(f"Rendering {what}", total=total)
+            task = bar.add_task(f"Rendering {title}", total=total)
             yield lambda count: bar.advance(task, count)
         return
     done, began = 0, time.perf_counter()
-    console.print(f"Rendering {what} (once; kept in the cache) …")
+    console.print(f"Rendering {title} (once; kept in the cache) …")
 
     def advance(count: int) -> None:
         nonlocal done

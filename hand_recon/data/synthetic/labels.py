@@ -1,4 +1,4 @@
-"""2D labels as people and detectors give them: worse where a joint is hidden."""
+"""Simulated 2D labels, with noise that is larger for occluded landmarks, and detector confidence."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,38 +14,38 @@ from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import JOINT_OF_LANDMARK
 from hand_recon.rendering.rays import RayScene
 
-_THINNEST: Final = 0.0075
-"""Metres of flesh over the tips, whose landmarks lie too close to the end to measure it."""
+_LEAST_FLESH: Final = 0.0075
+"""Least thickness of flesh, metres; at the tips, landmarks lie too close to the surface to measure it."""
 
-_DEEP: Final = 0.04
-"""Metres in front of a joint at which its label is worst."""
+_FULL_DEPTH: Final = 0.04
+"""Depth behind a surface from which on the label noise is largest, metres."""
 
-_HALF_SURE: Final = 5.0
-"""Reference pixels of noise at which a detector's confidence is ½."""
+_HALF_CONFIDENCE_NOISE: Final = 5.0
+"""Label noise at which the confidence is ½, reference pixels."""
 
-_MISJUDGED: Final = 0.3
-"""Standard deviation of the logarithm of the noise that a detector believes in, over the true one."""
+_NOISE_ERROR: Final = 0.3
+"""Standard deviation of log(noise assumed by the detector / actual noise)."""
 
 
 @dataclass(frozen=True)
 class Labels:
-    """The labels of one picture."""
+    """Labels of one image."""
 
     landmarks_2d: Float[np.ndarray, "landmark=21 2"]
-    """Pixels of the crop; NaN without a label."""
+    """Labels, pixels of the crop; NaN without a label."""
     labelled: Bool[np.ndarray, " landmark=21"]
-    """Which landmarks have one."""
+    """True for landmarks that have a label."""
     label_noise: Float[np.ndarray, " landmark=21"]
-    """Standard deviation that the label was drawn with, pixels of the crop."""
+    """Standard deviation of the label's noise, pixels of the crop."""
     confidence: Float[np.ndarray, " landmark=21"]
-    """A detector's score, 0–1: it follows the noise loosely, and knows nothing of outliers."""
+    """Detector confidence, 0–1; it correlates with the noise and does not depend on outliers."""
 
 
 @cache
 def flesh_thickness(landmarks: str) -> Float[np.ndarray, " landmark=21"]:
-    """How much of its own flesh lies over each landmark at most, metres.
+    """Thickness of flesh over each landmark, metres: the larger of the dorsal and palmar sides.
 
-    Measured on the mean hand at rest, along and across the back of each segment.
+    It is measured on the mean hand at rest.
     """
     model = open_hand(landmarks)
     vertices, joints = model.rest(model.template.new_zeros(model.shape_directions.shape[-1]))
@@ -56,11 +56,11 @@ def flesh_thickness(landmarks: str) -> Float[np.ndarray, " landmark=21"]:
     for direction in (axes, -axes):
         hits = scene.nearest(points, direction)
         thickness[hits.ray] = np.maximum(thickness[hits.ray], hits.distance)
-    return np.clip(thickness, _THINNEST, 0.025)
+    return np.clip(thickness, _LEAST_FLESH, 0.025)
 
 
 def _across(model: HandModel) -> Float[np.ndarray, "landmark=21 3"]:
-    """The direction to the back of the segment of each landmark; tips share their last joint's."""
+    """Dorsal direction of each landmark's segment; tips use their last joint's."""
     backs = np.concatenate([[[0.0, 1.0, 0.0]], model.frames.numpy()[:, :, 1]])
     joints = [JOINT_OF_LANDMARK.get(i, JOINT_OF_LANDMARK.get(i - 1, 0)) for i in range(21)]
     return backs[joints]
@@ -69,16 +69,16 @@ def _across(model: HandModel) -> Float[np.ndarray, "landmark=21 3"]:
 def depth_behind_surface(
     scene: RayScene, landmarks_3d: Float[np.ndarray, "landmark=21 3"], landmarks: str
 ) -> Float[np.ndarray, " landmark=21"]:
-    """How much more than its own flesh lies before each landmark: positive where it is hidden.
+    """Depth of each landmark behind the first visible surface, minus its own flesh: positive if occluded.
 
     Args:
-        scene: Everything in the picture, camera's frame.
-        landmarks_3d: Camera's frame, metres.
+        scene: All surfaces, camera frame.
+        landmarks_3d: Camera frame, metres.
         landmarks: Name of the landmark set.
 
     Returns:
-        Metres between the nearest surface and the landmark, less 1.4 times the flesh that a landmark
-        has over itself on a mean hand: large hands and slanting views see through more.
+        Distance from the nearest surface to the landmark minus 1.4 times the flesh thickness of a mean hand,
+        metres. The factor allows for large hands and slanted views.
     """
     distance = np.linalg.norm(landmarks_3d, axis=1)
     rays = landmarks_3d / distance[:, None]
@@ -95,22 +95,22 @@ def sample_labels(
     depth: Float[np.ndarray, " landmark=21"],
     crop_size: int,
 ) -> Labels:
-    """Projections with noise that grows where a joint is hidden.
+    """Add noise to projections, more of it to occluded landmarks, and draw missing labels.
 
     Args:
         random: Source of randomness.
-        level: How large the noise is.
-        clean: True projections, pixels of the crop.
-        depth: Of `depth_behind_surface`, metres.
+        level: Level with the noise of visible and occluded landmarks, outliers and missing labels.
+        clean: Exact projections, pixels of the crop.
+        depth: Result of `depth_behind_surface`, metres.
         crop_size: Side of the crop, pixels.
     """
     shallow, deep = level.noise_hidden
-    hidden = shallow + (deep - shallow) * np.clip(depth / _DEEP, 0, 1)
+    hidden = shallow + (deep - shallow) * np.clip(depth / _FULL_DEPTH, 0, 1)
     expected = np.where(depth > 0, hidden, level.noise_visible)
     outlier = random.random(len(clean)) < level.outliers
     deviation = np.where(outlier, level.noise_outlier, expected) * crop_size / REFERENCE_SIZE
     labelled = random.random(len(clean)) >= level.missing
     noisy = clean + deviation[:, None] * random.normal(size=clean.shape)
-    believed = expected * np.exp(_MISJUDGED * random.normal(size=len(clean)))
-    confidence = 1 / (1 + (believed / _HALF_SURE) ** 2)
+    assumed = expected * np.exp(_NOISE_ERROR * random.normal(size=len(clean)))
+    confidence = 1 / (1 + (assumed / _HALF_CONFIDENCE_NOISE) ** 2)
     return Labels(np.where(labelled[:, None], noisy, np.nan), labelled, deviation, confidence)

@@ -1,7 +1,7 @@
-"""How hard synthetic pictures are: three levels, from what two cores learn in minutes to a GPU's fare.
+"""Three levels of difficulty of synthetic images; two cores learn the easiest in minutes.
 
-The numbers are decisions of this project, chosen by looking at the pictures (`tools/draw_synthetic.py`).
-Pixels are those of the reference crop (224), whatever the resolution.
+The numbers are choices of this project, made by looking at images (`tools/draw_synthetic.py`). Pixels are
+those of the reference crop (224), independent of the resolution.
 """
 
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Level:
-    """One level of difficulty."""
+    """Distributions of pose, camera, background, objects, sensor and label noise."""
 
     name: str
-    """For messages and the cache."""
+    """Name, for messages and the cache."""
     pose_scale: float = 1.0
-    """How far gestures go: joint angles are multiplied by it."""
+    """Factor on all joint angles."""
     pose_noise: float = 4.0
-    """Standard deviation of what is added to joint angles, degrees."""
+    """Standard deviation of the noise on joint angles, degrees."""
     shape_deviation: float = 1.0
     """Standard deviation of the shape coefficients."""
     cone: float = 40.0
-    """Largest angle between the line of sight and the palm's normal, degrees; 180 is any viewpoint."""
+    """Largest angle between the line of sight and the palm's normal, degrees; 180 allows all viewpoints."""
     roll: float = 30.0
-    """Largest rotation in the picture plane from fingers up, degrees."""
+    """Largest in-plane rotation from fingers up, degrees."""
     focal: Range = (500.0, 500.0)
     """Focal length, reference pixels."""
     principal_x: Range = (112.0, 112.0)
@@ -37,11 +37,11 @@ class Level:
     shift: float = 0.03
     """Largest offset of the landmarks' centre from the crop's, as a fraction of the crop."""
     truncation: float = 0.0
-    """Probability of an offset large enough to cut the hand off."""
+    """Probability of an offset so large that the crop truncates the hand."""
     calm_background: float = 1.0
     """Probability of a plain or gradient background rather than a textured one."""
     clutter: float = 0.0
-    """Probability that the background is full of shapes, some of the colour of skin."""
+    """Probability of a background with many shapes, some in the colours of skin."""
     held_object: float = 0.0
     """Probability of an object in the grasp."""
     front_object: float = 0.0
@@ -55,17 +55,17 @@ class Level:
     motion: float = 0.0
     """Largest length of motion blur, reference pixels."""
     sensor_noise: float = 0.01
-    """Largest standard deviation of the sensor's noise, fraction of white."""
+    """Largest standard deviation of the sensor noise, as a fraction of white."""
     jpeg_quality: tuple[int, int] = (85, 98)
     """Range of JPEG qualities."""
     noise_visible: float = 1.0
     """Standard deviation of a visible landmark's label, reference pixels."""
     noise_hidden: Range = (2.0, 3.0)
-    """Standard deviation of a hidden landmark's label, from just hidden to 4 cm deep, reference pixels."""
+    """Standard deviation of an occluded landmark's label, at 0 and at 4 cm of depth, reference pixels."""
     outliers: float = 0.0
-    """Probability that a label is off by `noise_outlier`."""
+    """Probability that a label is an outlier."""
     noise_outlier: float = 15.0
-    """Standard deviation of an outlier, reference pixels."""
+    """Standard deviation of an outlier's noise, reference pixels."""
     missing: float = 0.0
     """Probability that a landmark has no label."""
 
@@ -85,4 +85,4 @@ DIFFICULTIES: Final[dict[str, Level]] = {
         noise_visible=2.0, noise_hidden=(4.0, 8.0), outliers=0.02, missing=0.05,
     ),
 }  # fmt: skip
-"""From the palm in front of a plain wall to any view in clutter."""
+"""Levels by name, from palms in front of plain walls to all viewpoints in clutter."""

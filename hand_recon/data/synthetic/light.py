@@ -1,4 +1,4 @@
-"""Light on surfaces: a key and a fill light, a sky, occlusion of the sky, and a sheen."""
+"""Shading: key light, fill light, sky with ambient occlusion, and specular highlights."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,14 +9,14 @@ from jaxtyping import Float
 from hand_recon.rendering.rays import RayScene
 
 _LIFT: Final = 0.002
-"""Where secondary rays start above the surface, metres: coarse triangles must not shadow themselves."""
+"""Offset of secondary rays above the surface, metres, so that coarse triangles do not shadow themselves."""
 
 _WRAP: Final = np.array([0.32, 0.18, 0.14], dtype=np.float32)
-"""How far light creeps around skin's terminator, by channel: red scatters farthest."""
+"""Wrap lighting of skin by channel: subsurface scattering carries red light farthest past the terminator."""
 
 
 def _sky_directions(count: int) -> Float[np.ndarray, "ray 3"]:
-    """Directions of a cosine-weighted hemisphere about z, by the golden angle."""
+    """Cosine-weighted directions of the hemisphere about z, spread by the golden angle."""
     share = (np.arange(count) + 0.5) / count
     radius, angle = np.sqrt(share), np.pi * (1 + 5**0.5) * np.arange(count)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - share)], axis=1)
@@ -27,28 +27,28 @@ _SKY: Final = _sky_directions(12)
 
 @dataclass(frozen=True)
 class Lights:
-    """The lights of one picture; directions point to them, in the camera's frame."""
+    """Lights of one image; directions point towards the light, in the camera's frame."""
 
     key_direction: Float[np.ndarray, " 3"]
-    """Unit vector."""
+    """Direction of the key light, unit vector."""
     key_colour: Float[np.ndarray, " 3"]
-    """Linear, 1 is white paper in full light."""
+    """Colour of the key light, linear; 1 is fully lit white paper."""
     fill_direction: Float[np.ndarray, " 3"]
-    """Unit vector."""
+    """Direction of the fill light, unit vector."""
     fill_colour: Float[np.ndarray, " 3"]
-    """Linear."""
+    """Colour of the fill light, linear."""
     sky: Float[np.ndarray, " 3"]
-    """Light from above, linear."""
+    """Ambient light from above, linear."""
     ground: Float[np.ndarray, " 3"]
-    """Light from below, linear."""
+    """Ambient light from below, linear."""
     sheen: float
-    """Strength of the highlight on skin."""
+    """Strength of the specular highlight on skin."""
     shadows: bool
-    """Whether the key light casts shadows."""
+    """True if the key light casts shadows."""
 
 
 def sample_lights(random: np.random.Generator, cast_shadows: float) -> Lights:
-    """Lights of a room or of a day.
+    """Draw lights with warm or cool tints, as indoors or outdoors.
 
     Args:
         random: Source of randomness.
@@ -75,19 +75,19 @@ def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     return np.asarray(vector / np.linalg.norm(vector), dtype=np.float32)
 
 
-def open_sky(
+def sky_visibility(
     scene: RayScene,
     points: Float[np.ndarray, "vertex 3"],
     normals: Float[np.ndarray, "vertex 3"],
     reach: float = 0.05,
 ) -> Float[np.ndarray, " vertex"]:
-    """Share of the hemisphere over each point that nothing near covers: ambient occlusion.
+    """Unoccluded share of the hemisphere over each point (ambient occlusion), 0–1.
 
     Args:
-        scene: What can cover it.
-        points: On the surface, metres.
+        scene: Surfaces that occlude.
+        points: Points on the surface, metres.
         normals: Unit vectors.
-        reach: How near counts, metres.
+        reach: Largest distance of an occluder, metres.
     """
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(helper, normals)
@@ -106,14 +106,14 @@ def shade(
     normals: Float[np.ndarray, "hit 3"],
     sky_share: Float[np.ndarray, " hit"],
 ) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, " hit"]]:
-    """Light that arrives at points of matt surfaces, and the sheen that skin adds.
+    """Compute the light on matt surfaces and the specular highlight of skin.
 
     Args:
         lights: The lights.
-        scene: What casts shadows.
-        points: Camera's frame, metres.
+        scene: Surfaces that cast shadows.
+        points: Camera frame, metres.
         normals: Unit vectors.
-        sky_share: Of `open_sky`.
+        sky_share: Result of `sky_visibility`.
 
     Returns:
         Irradiance (linear, for an albedo of one) and the highlight's strength.
@@ -125,7 +125,7 @@ def shade(
         towards = np.broadcast_to(lights.key_direction, (len(asked), 3))
         lit[asked] = 1 - scene.blocked(points[asked] + _LIFT * normals[asked], towards)
     wrapped = np.clip((facing[:, None] + _WRAP) / (1 + _WRAP), 0, None)
-    # Contact darkens the direct light a little too, which stands in for soft shadows.
+    # Ambient occlusion also darkens the direct light, as an approximation of soft shadows.
     direct = lights.key_colour * wrapped * (lit * (0.55 + 0.45 * sky_share))[:, None]
     fill = np.clip(normals @ lights.fill_direction + 0.2, 0, None)[:, None] * lights.fill_colour
     up = (0.5 - 0.5 * normals[:, 1])[:, None]

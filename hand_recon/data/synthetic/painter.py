@@ -1,4 +1,4 @@
-"""Pixels of a scene: rays, solid textures, light, background and sensor."""
+"""Ray-cast rendering of a scene: surfaces, textures, light, background and sensor."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.camera import project_array
 from hand_recon.data.synthetic.background import sample_background
-from hand_recon.data.synthetic.light import open_sky, sample_lights, shade
+from hand_recon.data.synthetic.light import sample_lights, shade, sky_visibility
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.sensor import develop
 from hand_recon.data.synthetic.skin import (
@@ -23,15 +23,15 @@ from hand_recon.data.synthetic.skin import (
     skin_albedo,
     skin_map,
 )
-from hand_recon.data.synthetic.surface import SKIN, THING, Surface, merged, vertex_normals
+from hand_recon.data.synthetic.surface import OBJECT, SKIN, Surface, merged, vertex_normals
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.rendering.rays import Hits, RayScene
 
 _FAR: Final = 10.0
-"""Depth of a pixel that shows no surface, metres."""
+"""Depth of pixels without a surface, metres."""
 
 _STEP: Final = 0.006
-"""Jump of depth between neighbouring pixels that makes an outline, metres."""
+"""Depth difference between neighbouring pixels above which they are an outline, metres."""
 
 _NORMAL, _SKY, _TEXTURE, _DORSAL, _KNUCKLE = slice(0, 3), 3, slice(4, 7), 7, 8
 
@@ -43,17 +43,17 @@ def _skin_map(landmarks: str) -> SkinMap:
 
 @dataclass(frozen=True)
 class _Features:
-    """What is interpolated over the triangles of all surfaces."""
+    """Vertex attributes of all surfaces, which are interpolated over the triangles."""
 
     corners: Float[np.ndarray, "vertex feature=9"]
-    """Normal, open sky, texture, dorsal side, knuckle redness."""
+    """Normal, sky visibility, texture coordinates, dorsal side and knuckle redness of each vertex."""
     faces: Int[np.ndarray, "face 3"]
-    """Into the corners."""
+    """Indices of the vertices of each triangle."""
     material: Int[np.ndarray, " face"]
-    """Of each triangle."""
+    """Material of each triangle."""
 
     def at(self, hits: Hits) -> Float[np.ndarray, "hit feature=9"]:
-        """Features where rays met the surfaces."""
+        """Interpolate the features at ray hits."""
         corners = self.corners[self.faces[hits.face]]
         values = (hits.weights[:, None] @ corners)[:, 0]
         values[:, _NORMAL] /= np.maximum(
@@ -66,10 +66,10 @@ def _features(surfaces: tuple[Surface, ...], scene: RayScene, skin: SkinMap) -> 
     vertices, faces = merged(surfaces)
     material = np.concatenate([np.full(len(s.faces), s.material) for s in surfaces])
     normals = vertex_normals(vertices, faces)
-    sky = open_sky(scene, vertices, normals)
+    sky = sky_visibility(scene, vertices, normals)
     dorsal, knuckle = np.zeros(len(vertices)), np.zeros(len(vertices))
     dorsal[: len(skin.dorsal)], knuckle[: len(skin.knuckle)] = skin.dorsal, skin.knuckle
-    # The forearm is like the back of the hand wherever it does not face the palm's way.
+    # The forearm has the colours of the back of the hand except on its palmar side.
     arm = slice(len(skin.dorsal), len(surfaces[0].vertices))
     dorsal[arm] = np.clip(surfaces[0].texture[arm, 1] / 0.02, -1, 1)
     texture = np.concatenate([s.texture for s in surfaces])
@@ -77,62 +77,62 @@ def _features(surfaces: tuple[Surface, ...], scene: RayScene, skin: SkinMap) -> 
     return _Features(np.concatenate(columns, axis=1).astype(np.float32), faces, material)
 
 
-def paint_picture(
+def render_image(
     recipe: Recipe,
     names: tuple[int, int],
     surfaces: tuple[Surface, ...],
     scene: RayScene,
     intrinsics: Float[np.ndarray, "3 3"],
 ) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
-    """A photograph of the surfaces, and which of its pixels show skin.
+    """Render the surfaces; returns the image and a mask of the pixels that show skin.
 
     Args:
         recipe: Level, size and seed.
-        names: Index of the picture, and of its appearance.
-        surfaces: Camera's frame; the first is the hand with its forearm.
-        scene: The same surfaces, ready for rays.
-        intrinsics: Pixels of the crop.
+        names: Index of the image and index of its appearance.
+        surfaces: Camera frame; the first is the hand with its forearm.
+        scene: The same surfaces, for ray casting.
+        intrinsics: Camera matrix, pixels of the crop.
     """
     index, appearance = names
     random = recipe.random(index, f"appearance {appearance}")
     size, level = recipe.crop_size, recipe.level
-    glimpses = _look(scene, merged(surfaces)[0], intrinsics, size)
-    colour, is_skin = _colours(random, recipe, index, surfaces, (scene, glimpses))
+    samples = _cast_rays(scene, merged(surfaces)[0], intrinsics, size)
+    colour, is_skin = _colours(random, recipe, index, surfaces, (scene, samples))
     behind = linear(sample_background(random, level, size, held_out=recipe.held_out))
-    picture = (1 - glimpses.over(np.ones(len(colour)), size))[..., None] * behind
+    image = (1 - samples.sum_per_pixel(np.ones(len(colour)), size))[..., None] * behind
     for channel in range(3):
-        picture[..., channel] += glimpses.over(colour[:, channel], size)
-    return develop(random, level, picture), glimpses.over(is_skin, size) > 0.5
+        image[..., channel] += samples.sum_per_pixel(colour[:, channel], size)
+    return develop(random, level, image), samples.sum_per_pixel(is_skin, size) > 0.5
 
 
 @dataclass(frozen=True)
-class _Glimpses:
-    """What the rays of a picture saw: one ray for each plain pixel, four for each at an outline."""
+class _Samples:
+    """Surface samples of an image: one ray per pixel, four per pixel at outlines."""
 
     hits: Hits
-    """Where they met a surface."""
+    """Hits of the rays on surfaces."""
     points: Float[np.ndarray, "hit 3"]
-    """The same in the camera's frame, metres."""
+    """Points of the hits in the camera's frame, metres."""
     pixel: Int[np.ndarray, " hit"]
-    """Which pixel each belongs to, row by row."""
+    """Index of each hit's pixel, row by row."""
     weight: Float[np.ndarray, " hit"]
-    """Its share in the pixel."""
+    """Weight of each hit in its pixel."""
 
-    def over(
+    def sum_per_pixel(
         self, values: Float[np.ndarray, " hit"] | Bool[np.ndarray, " hit"], size: int
     ) -> Float[np.ndarray, "height width"]:
-        """Sum of one value per hit in every pixel of a square picture."""
+        """Weighted sum of the hits' values in each pixel of a square image."""
         sums = np.bincount(self.pixel, self.weight * values, minlength=size * size)
         return np.asarray(sums.reshape(size, size), dtype=np.float32)
 
 
-def _look(
+def _cast_rays(
     scene: RayScene,
     vertices: Float[np.ndarray, "vertex 3"],
     intrinsics: Float[np.ndarray, "3 3"],
     size: int,
-) -> _Glimpses:
-    """Cast a ray through every pixel that may show the vertices, then more where the depth jumps."""
+) -> _Samples:
+    """Cast a ray through every pixel that may show the vertices, and four at depth discontinuities."""
     pixels, rays, columns = _camera_rays(vertices, intrinsics, size)
     centre = scene.nearest(np.zeros_like(rays), rays)
     depth = np.full(len(rays), _FAR, dtype=np.float32)
@@ -151,7 +151,7 @@ def _look(
         np.concatenate([centre.distance[plain], fine.distance]),
     )
     directions = np.concatenate([rays[centre.ray[plain]], finer[fine.ray]])
-    return _Glimpses(
+    return _Samples(
         hits,
         directions * hits.distance[:, None],
         np.concatenate([pixels[centre.ray[plain]], pixels[outline][fine.ray // len(steps)]]),
@@ -164,15 +164,15 @@ def _colours(
     recipe: Recipe,
     index: int,
     surfaces: tuple[Surface, ...],
-    seen: tuple[RayScene, _Glimpses],
+    seen: tuple[RayScene, _Samples],
 ) -> tuple[Float[np.ndarray, "hit 3"], Bool[np.ndarray, " hit"]]:
-    """Linear light that each hit sends to the camera, and whether it is skin."""
-    scene, glimpses = seen
-    hits, points = glimpses.hits, glimpses.points
+    """Linear light that each hit reflects to the camera, and a mask of hits on skin."""
+    scene, samples = seen
+    hits, points = samples.hits, samples.points
     skin, person = _skin_map(recipe.landmarks), recipe.random(index, "skin and light")
     tone = sample_tone(person, held_out=recipe.held_out)
     lights = sample_lights(person, recipe.level.cast_shadows)
-    paints = {material: sample_paint(random) for material in range(SKIN + 1, THING + 1)}
+    paints = {material: sample_paint(random) for material in range(SKIN + 1, OBJECT + 1)}
     features = _features(surfaces, scene, skin)
     values, material = features.at(hits), features.material[hits.face]
     albedo = np.empty((len(material), 3), dtype=np.float32)
@@ -191,10 +191,10 @@ def _colours(
 def _camera_rays(
     vertices: Float[np.ndarray, "vertex 3"], intrinsics: Float[np.ndarray, "3 3"], size: int
 ) -> tuple[Int[np.ndarray, " ray"], Float[np.ndarray, "ray 3"], int]:
-    """Rays through the pixels of the part of the picture that can show the vertices.
+    """Rays through the pixels in the bounding box of the projected vertices.
 
     Returns:
-        The pixel of each ray, row by row, its direction with unit depth, and how many are in a row.
+        Pixel index of each ray, row by row; direction with unit depth; number of rays in a row.
     """
     low, high = np.zeros(2), np.full(2, float(size))
     if vertices[:, 2].min() > 0.01:
@@ -203,7 +203,7 @@ def _camera_rays(
         high = np.clip(np.ceil(shown.max(axis=0)) + 1, low + 1, size)
     columns, rows = np.arange(int(low[0]), int(high[0])), np.arange(int(low[1]), int(high[1]))
     grid = np.empty((len(rows), len(columns), 3), dtype=np.float32)
-    # A pixel's centre is at a whole number plus a half, so the picture spans 0 to its size.
+    # Pixel centres are at integers plus 0.5, so the image spans 0 to its size.
     grid[..., 0] = (columns + 0.5 - intrinsics[0, 2]) / intrinsics[0, 0]
     grid[..., 1] = ((rows + 0.5 - intrinsics[1, 2]) / intrinsics[1, 1])[:, None]
     grid[..., 2] = 1

@@ -1,7 +1,7 @@
-"""Whether the fingers of a pose run through each other, from the landmarks alone.
+"""Penetration test for sampled poses, with capsules around the bones of the landmarks.
 
-Bones are capsules: coarse, but a thousand times cheaper than the surface, and independent of the
-non-penetration term that synthetic hands are used to judge.
+Capsules are coarse but a thousand times cheaper than the surface, and independent of the non-penetration
+term, which is evaluated on synthetic hands.
 """
 
 from typing import Final
@@ -18,14 +18,14 @@ _SEGMENTS: Final = tuple(
         (3 + 4 * finger, 4 + 4 * finger, 0.008 if finger == 0 else 0.0065),
     )
 ) + tuple((0, 5 + 4 * finger, 0.017) for finger in range(4))
-"""Landmarks at the ends and radius in metres: three bones of each finger, then the metacarpals.
+"""End landmarks and radius (metres) of each capsule: three bones per finger, then the metacarpals.
 
-Metacarpals are as thick as the flesh in front of them, which is where fingertips meet it.
+The metacarpals' radius includes the flesh of the palm, which fingertips touch.
 """
 
 
 def _pairs() -> Int[np.ndarray, "pair 2"]:
-    """Bones that may collide: of different fingers, neither both proximal nor at the thumb's root."""
+    """Pairs of bones to test: of different fingers, not both proximal, not at the base of the thumb."""
     found = []
     for first in range(len(_SEGMENTS)):
         for second in range(first + 1, len(_SEGMENTS)):
@@ -48,7 +48,7 @@ _RADII: Final = np.array([segment[2] for segment in _SEGMENTS])
 
 
 def deepest_overlap(landmarks: Float[np.ndarray, "landmark=21 3"]) -> float:
-    """How deep the bones' capsules reach into each other at most, metres; negative if apart.
+    """Largest penetration depth of any two capsules, metres; negative if all are apart.
 
     Args:
         landmarks: Metres, any frame.
@@ -67,7 +67,7 @@ def _segment_distance(
     other_start: Float[np.ndarray, "pair 3"],
     other_end: Float[np.ndarray, "pair 3"],
 ) -> Float[np.ndarray, " pair"]:
-    """Least distance of segments (Ericson, Real-Time Collision Detection, 2005, Sec. 5.1.9)."""
+    """Distance of pairs of segments (Ericson, Real-Time Collision Detection, 2005, Sec. 5.1.9)."""
     along, other, between = end - start, other_end - other_start, start - other_start
     a, e = (along**2).sum(axis=1), (other**2).sum(axis=1)
     b, c, f = (

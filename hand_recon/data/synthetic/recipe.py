@@ -1,4 +1,4 @@
-"""What a set of synthetic hands is made from, and the random numbers of each picture."""
+"""Parameters of a set of synthetic hands, and the random generators of each image."""
 
 import zlib
 from dataclasses import dataclass
@@ -9,29 +9,28 @@ import numpy as np
 from hand_recon.data.synthetic.levels import DIFFICULTIES, Level
 
 SPLITS: Final[tuple[str, ...]] = ("train", "val", "test")
-"""Training and validation share gestures and palettes; test has its own."""
+"""Splits; training and validation share gestures and palettes, test has others."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """Everything that a picture depends on besides its index and the hand asset."""
+    """Parameters that, with the index and the hand asset, determine an image."""
 
     split: str
     """`train`, `val` or `test`."""
     level: Level
-    """How hard the pictures are."""
+    """Level of difficulty."""
     crop_size: int
-    """Side of the square picture, pixels. The hand does not depend on it, only its resolution."""
+    """Side of the square image, pixels. It changes only the resolution, not the hand."""
     seed: int
-    """Of the whole set."""
+    """Seed of the whole set."""
     landmarks: str = "knuckle"
     """The hand's landmark set."""
     pictures: bool = True
-    """Whether there are pictures. Without, landmarks are all there is to see, and are noisy in the test
-    split too, as a detector's are."""
+    """True renders images. Without images, labels are noisy in the test split too, as a detector's are."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rendered.
+        """Check the parameters.
 
         Raises:
             ValueError: The split is unknown, the crop too small or the seed negative.
@@ -45,33 +44,33 @@ class Recipe:
 
     @property
     def clean_labels(self) -> bool:
-        """Whether labels are true projections rather than what an annotator or detector gives."""
+        """True if labels are exact projections, without simulated annotation noise."""
         return self.held_out and self.pictures
 
     @property
     def held_out(self) -> bool:
-        """Whether poses, shapes and appearances are those that training never sees."""
+        """True if poses, shapes and appearances do not occur in training."""
         return self.split == "test"
 
     def random(self, index: int, stream: str) -> np.random.Generator:
-        """The random numbers of one aspect of one picture.
+        """Random generator of one aspect of one image.
 
-        Aspects have streams of their own, so that a change to, say, the backgrounds leaves every pose as
-        it was. Neither the number of workers nor the order of rendering can matter.
+        Each aspect has a separate stream, so that a change to the backgrounds, for example, changes no
+        pose. The numbers do not depend on the number of workers or the order of rendering.
 
         Args:
-            index: Which picture.
-            stream: Which aspect of it.
+            index: Index of the image.
+            stream: Name of the aspect.
         """
         words = (self.seed, SPLITS.index(self.split), index, zlib.crc32(stream.encode()))
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
 def level_named(name: str) -> Level:
-    """The level of that name.
+    """Look up a level of difficulty.
 
     Raises:
-        ValueError: There is none.
+        ValueError: The name is unknown.
     """
     if name not in DIFFICULTIES:
         raise ValueError(f"Unknown level {name!r}; synthetic hands have {sorted(DIFFICULTIES)}.")

@@ -1,4 +1,4 @@
-"""One synthetic hand: from an index to pixels, labels and truth."""
+"""Generation of one synthetic hand: image, labels and ground truth from an index."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, UInt8
 from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import sample_pose
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
-from hand_recon.data.synthetic.painter import paint_picture
+from hand_recon.data.synthetic.objects import front_object, held_object
+from hand_recon.data.synthetic.painter import render_image
 from hand_recon.data.synthetic.plausible import deepest_overlap
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.surface import (
@@ -21,7 +22,6 @@ from hand_recon.data.synthetic.surface import (
     sleeve,
     with_forearm,
 )
-from hand_recon.data.synthetic.things import front_thing, held_thing
 from hand_recon.data.synthetic.view import View, sample_view
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
@@ -29,48 +29,48 @@ from hand_recon.hand.skeleton import ROOT_JOINT
 from hand_recon.rendering.rays import RayScene
 from hand_recon.schema import HandGeometry
 
-_MOST_OVERLAP = 0.004
-"""Metres by which the bones' capsules may press into each other; flesh gives way."""
+_OVERLAP_ALLOWED = 0.004
+"""Accepted penetration depth of the bones' capsules, metres; flesh is soft."""
 
 _TRIES = 12
 
 
 @dataclass(frozen=True)
 class SyntheticView:
-    """What is known of one view of a hand without its pixels; names as in `HandSample`, `HandParameters`."""
+    """Labels and ground truth of one view; names as in `HandSample` and `HandParameters`."""
 
     landmarks_2d: Float[np.ndarray, "landmark=21 2"]
-    """Labels, pixels of the crop; NaN without a label; true projections where the recipe says so."""
+    """Labels, pixels of the crop; NaN without a label; exact projections if `Recipe.clean_labels`."""
     labelled: Bool[np.ndarray, " landmark=21"]
-    """Which landmarks have a label."""
+    """True for landmarks that have a label."""
     label_noise: Float[np.ndarray, " landmark=21"]
-    """Standard deviation of the labels, pixels of the crop."""
+    """Standard deviation of the labels' noise, pixels of the crop."""
     confidence: Float[np.ndarray, " landmark=21"]
-    """A detector's score for each landmark, 0–1."""
+    """Detector confidence of each landmark, 0–1."""
     occluded: Bool[np.ndarray, " landmark=21"]
-    """Which landmarks are hidden or outside the picture."""
+    """True for landmarks that are occluded or outside the image."""
     landmarks_3d: Float[np.ndarray, "landmark=21 3"]
-    """Camera's frame, metres."""
+    """Ground truth, camera frame, metres."""
     intrinsics: Float[np.ndarray, "3 3"]
-    """Pixels of the crop."""
+    """Camera matrix, pixels of the crop."""
     joint_angles: Float[np.ndarray, "joint=15 axis=3"]
-    """Radians."""
+    """Bend, splay and twist, radians."""
     shape: Float[np.ndarray, " direction=10"]
-    """Standard deviations."""
+    """Coefficients of the shape directions, standard deviations."""
     root_rotation: Float[np.ndarray, "3 3"]
-    """Hand's frame to camera's."""
+    """Rotation from the hand's frame to the camera's."""
     translation: Float[np.ndarray, " 3"]
-    """Metres."""
+    """Position of the hand's origin in the camera's frame, metres."""
 
 
 @dataclass(frozen=True)
 class SyntheticHand(SyntheticView):
-    """Everything that is known of one picture."""
+    """One image with its labels and ground truth."""
 
     image: UInt8[np.ndarray, "height width 3"]
     """RGB."""
     mask: Bool[np.ndarray, "height width"]
-    """Pixels that show the hand or its forearm's skin."""
+    """True for pixels that show skin of the hand or forearm."""
 
 
 @cache
@@ -80,29 +80,29 @@ def _model(landmarks: str) -> HandModel:
 
 @dataclass(frozen=True)
 class _Scene:
-    """What stands before the camera."""
+    """All surfaces in the camera's frame, and their structure for ray casting."""
 
     surfaces: tuple[Surface, ...]
     rays: RayScene
 
 
 def synthetic_hand(recipe: Recipe, index: int, appearance: int = 0) -> SyntheticHand:
-    """The picture of that index, the same wherever and whenever it is made.
+    """Generate one image; the result depends on the arguments only.
 
     Args:
-        recipe: Of the whole set.
-        index: Which picture.
-        appearance: Other numbers give the same hand with another light, skin and background.
+        recipe: Recipe of the set.
+        index: Index of the image.
+        appearance: Index of the appearance; others show the same hand with another background and paints.
     """
     view, scene = _view_and_scene(recipe, index)
-    image, mask = paint_picture(
+    image, mask = render_image(
         recipe, (index, appearance), scene.surfaces, scene.rays, view.intrinsics
     )
     return SyntheticHand(**vars(view), image=image, mask=mask)
 
 
 def synthetic_view(recipe: Recipe, index: int) -> SyntheticView:
-    """The same without its pixels: what a landmark detector would leave of it, and the truth."""
+    """Generate labels and ground truth of one view without rendering its image."""
     return _view_and_scene(recipe, index)[0]
 
 
@@ -139,7 +139,7 @@ def _view_and_scene(recipe: Recipe, index: int) -> tuple[SyntheticView, _Scene]:
 def _sample_hand(
     recipe: Recipe, index: int
 ) -> tuple[Float[np.ndarray, "joint=15 axis=3"], Float[np.ndarray, " direction=10"], HandGeometry]:
-    """A shape and the first of a few poses whose fingers do not run through each other."""
+    """Draw a shape and a pose; of `_TRIES` poses, the first without penetration or the least bad is taken."""
     random = recipe.random(index, "pose")
     spread = recipe.level.shape_deviation * (1.25 if recipe.held_out else 1.0)
     shape = np.clip(recipe.random(index, "shape").normal(scale=spread, size=10), -3, 3)
@@ -153,7 +153,7 @@ def _sample_hand(
         overlap = deepest_overlap(hand.landmarks.numpy())
         if overlap < least:
             least, angles, geometry = overlap, tried, hand
-        if overlap < _MOST_OVERLAP:
+        if overlap < _OVERLAP_ALLOWED:
             break
     return angles, shape, geometry
 
@@ -161,7 +161,7 @@ def _sample_hand(
 def scene_surfaces(
     recipe: Recipe, index: int, geometry: HandGeometry, view: View
 ) -> tuple[Surface, ...]:
-    """Hand, forearm, sleeve and things, in the camera's frame."""
+    """Surfaces of hand, forearm, sleeve and objects, in the camera's frame."""
     random, level = recipe.random(index, "things"), recipe.level
     model = _model(recipe.landmarks)
     vertices = geometry.vertices.numpy().astype(float)
@@ -176,9 +176,9 @@ def scene_surfaces(
         begin, width = random.uniform(0.01, 0.1), random.uniform(1.15, 1.5)
         surfaces.append(sleeve(vertices[ring].mean(axis=0), forearm, begin, width))
     if random.random() < level.held_object:
-        held = held_thing(random, landmarks, vertices)
+        held = held_object(random, landmarks, vertices)
         surfaces += [] if held is None else [held]
     surfaces = [replace(surface, vertices=view.to_camera(surface.vertices)) for surface in surfaces]
     if random.random() < level.front_object:
-        surfaces.append(front_thing(random, view.to_camera(landmarks)))
+        surfaces.append(front_object(random, view.to_camera(landmarks)))
     return tuple(surfaces)

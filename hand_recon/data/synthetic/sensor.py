@@ -1,4 +1,4 @@
-"""What a camera does to a picture: exposure, blur, noise, compression."""
+"""Camera simulation: exposure, white balance, blur, noise and JPEG compression."""
 
 from typing import Final
 
@@ -13,35 +13,35 @@ _GAMMA: Final = 1 / 2.2
 
 
 def develop(
-    random: np.random.Generator, level: Level, picture: Float[np.ndarray, "height width 3"]
+    random: np.random.Generator, level: Level, light: Float[np.ndarray, "height width 3"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A photograph of linear light.
+    """Convert linear light to an sRGB photograph with the level's blur, noise and compression.
 
     Args:
         random: Source of randomness.
-        level: How bad the camera may be.
-        picture: Linear light, about 0–1.
+        level: Level with the largest blur, motion and noise, and the JPEG qualities.
+        light: Linear light, about 0–1.
     """
-    scale = picture.shape[0] / REFERENCE_SIZE
+    scale = light.shape[0] / REFERENCE_SIZE
     balance = np.exp(random.normal(scale=0.04, size=3) + random.normal(scale=0.12))
-    image: np.ndarray = np.ascontiguousarray(picture * balance, dtype=np.float32)
+    image: np.ndarray = np.ascontiguousarray(light * balance, dtype=np.float32)
     blur = random.uniform(0, level.blur) * scale
     if blur > 0.15:
         image = cv2.GaussianBlur(image, (0, 0), blur)
-    image = _moved(random, image, random.uniform(0, level.motion) * scale)
+    image = _motion_blurred(random, image, random.uniform(0, level.motion) * scale)
     deviation = random.uniform(0.2, 1.0) * level.sensor_noise
     grain = random.standard_normal(image.shape, dtype=np.float32)
-    # Shot noise grows with the root of the light, so it is even after the gamma curve.
+    # Shot noise grows with the square root of light, so it is uniform after the gamma curve.
     shown = np.clip(image, 0, 1) ** np.float32(_GAMMA * random.uniform(0.9, 1.1))
     shown = shown + np.float32(deviation) * grain
     pixels = (np.clip(shown, 0, 1) * 255 + 0.5).astype(np.uint8)
     return _compressed(pixels, int(random.integers(*level.jpeg_quality)))
 
 
-def _moved(
+def _motion_blurred(
     random: np.random.Generator, image: Float[np.ndarray, "height width 3"], length: float
 ) -> Float[np.ndarray, "height width 3"]:
-    """Blur along a random direction."""
+    """Blur along a random direction; below a length of one pixel the image is unchanged."""
     angle = random.uniform(0, np.pi)
     if length < 1:
         return image
@@ -56,6 +56,6 @@ def _moved(
 def _compressed(
     pixels: UInt8[np.ndarray, "height width 3"], quality: int
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Through JPEG and back; the channels' order does not matter for the round trip."""
+    """Encode as JPEG and decode; the order of channels does not matter for the round trip."""
     _, code = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), dtype=np.uint8)

@@ -1,7 +1,7 @@
-"""What surfaces look like before light: skin with nails, creases and redness; cloth; painted things.
+"""Albedo of surfaces: skin with nails, creases and redness, cloth and painted objects.
 
-Colours are procedural and solid: looked up at a point of the rest pose, so that they stick to the skin and
-are as sharp as the picture, however few vertices the hand has.
+Colours are procedural functions of the position in the rest pose, so that they move with the skin and are
+as sharp as the image, independent of the resolution of the mesh.
 """
 
 from dataclasses import dataclass
@@ -19,46 +19,46 @@ Colour = Float[np.ndarray, " 3"]
 _TONES: Final = np.array(
     [[255, 224, 205], [241, 194, 160], [224, 172, 130], [190, 132, 92], [141, 90, 58], [84, 50, 34]]
 )
-"""sRGB of skin from little melanin to much; the steps follow Fitzpatrick's six types by eye."""
+"""Skin colours, sRGB 0–255, by increasing melanin; chosen by eye after Fitzpatrick's six types."""
 
 
 _BLUSH: Final = np.array([0.02, 0.30, 0.26], dtype=np.float32)
 _MOTTLE: Final = np.array([0.6, 1.0, 1.0], dtype=np.float32)
 _NAIL: Final = np.array([0.0055, 0.0047], dtype=np.float32)
-"""Half length and half breadth of the middle finger's nail, metres."""
+"""Half length and half width of the middle finger's nail, metres."""
 
 
 def linear(srgb: Float[np.ndarray, "*point 3"]) -> Float[np.ndarray, "*point 3"]:
-    """Linear light of sRGB values in 0–1, with the usual power 2.2."""
+    """Convert sRGB values, 0–1, to linear light with gamma 2.2."""
     return np.asarray(np.clip(srgb, 0, 1) ** 2.2)
 
 
 @dataclass(frozen=True)
 class SkinMap:
-    """Where on the rest pose a hand has what; one per hand asset."""
+    """Positions of skin features on the rest pose of one hand asset."""
 
     dorsal: Float[np.ndarray, " vertex"]
-    """1 on the back, −1 on the palm side of each segment."""
+    """Side of each vertex, from 1 on the dorsal to −1 on the palmar side of its segment."""
     knuckle: Float[np.ndarray, " vertex"]
-    """0–1, over the backs of joints and on the pads of the tips: where blood shows."""
+    """Redness, 0–1, over the backs of joints and on the pads of the fingertips."""
     nail_frames: Float[np.ndarray, "finger=5 3 3"]
-    """Rows: along the finger to the tip, to the back, across."""
+    """Axes of each nail in rows: towards the tip, dorsal, across."""
     nail_centres: Float[np.ndarray, "finger=5 3"]
-    """Metres."""
+    """Centre of each nail, metres."""
     nail_size: Float[np.ndarray, " finger=5"]
-    """Relative to the middle finger's nail."""
+    """Size relative to the middle finger's nail."""
     nail_of: Int[np.ndarray, " vertex"]
-    """The finger whose nail is nearest."""
+    """Finger of the nearest nail."""
     joints: Float[np.ndarray, "crease=9 3"]
-    """Where creases run, metres."""
+    """Centre of each crease, metres."""
     frames: Float[np.ndarray, "crease=9 3 3"]
-    """Rows: towards the wrist, to the back, across."""
+    """Axes of each crease in rows: towards the wrist, dorsal, across."""
     crease_of: Int[np.ndarray, " vertex"]
-    """The nearest crease."""
+    """Index of the nearest crease."""
 
 
 def skin_map(model: HandModel) -> SkinMap:
-    """Read the map off a hand's rest pose."""
+    """Compute the skin map from a hand's rest pose."""
     rest_vertices, rest_joints = (
         tensor.numpy().astype(float)
         for tensor in model.rest(model.template.new_zeros(model.shape_directions.shape[-1]))
@@ -106,7 +106,7 @@ def _thickness(
     tip: Float[np.ndarray, " 3"],
     frame: Float[np.ndarray, "3 3"],
 ) -> float:
-    """How far the back of a fingertip lies above its tip landmark, metres."""
+    """Height of the dorsal surface of a fingertip above its landmark, metres."""
     local = (vertices - tip) @ frame.T
     near = (np.abs(local[:, 0] + 0.006) < 0.006) & (np.abs(local[:, 2]) < 0.008)
     near &= np.abs(local[:, 1]) < 0.015
@@ -134,38 +134,38 @@ def _normals(
 
 @dataclass(frozen=True)
 class SkinTone:
-    """One person's skin, all colours linear."""
+    """Skin colours of one person, all linear."""
 
     back: Colour
     """Albedo of the back of the hand."""
     palm: Colour
     """Albedo of the palm."""
     blush: float
-    """How red knuckles and tips are."""
+    """Strength of the redness of knuckles and fingertips."""
     nail: Colour
     """Albedo of the nails."""
     mottle: float
     """Contrast of the uneven colour."""
     waves: Float[np.ndarray, "wave=6 4"]
-    """Spatial frequencies (radians per metre) and phase of the uneven colour."""
+    """Spatial frequencies (radians per metre) and phases of the uneven colour."""
 
 
 @dataclass(frozen=True)
 class SkinSpots:
-    """Points of the skin that the camera sees."""
+    """Visible points of the skin."""
 
     texture: Float[np.ndarray, "hit 3"]
-    """Where they are in the rest pose, metres."""
+    """Position in the rest pose, metres."""
     dorsal: Float[np.ndarray, " hit"]
-    """From −1 on the palm to 1 on the back."""
+    """Side, from −1 (palmar) to 1 (dorsal)."""
     knuckle: Float[np.ndarray, " hit"]
     """Redness, 0–1."""
     vertex: Int[np.ndarray, " hit"]
-    """A vertex of the hand nearby; 0 on the forearm, which has neither nails nor creases."""
+    """Nearby vertex of the hand; 0 on the forearm, which has no nails or creases."""
 
 
 def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
-    """A skin; the test split's are as likely at the ends of the scale as in its middle."""
+    """Draw a skin tone; the test split's melanin is uniform over the scale."""
     melanin = random.uniform(0, 1) if held_out else random.beta(1.2, 1.2)
     position = melanin * (len(_TONES) - 1)
     base = [np.interp(position, np.arange(len(_TONES)), _TONES[:, channel]) for channel in range(3)]
@@ -183,12 +183,12 @@ def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
 
 
 def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "hit 3"]:
-    """Colour of the skin at points of the rest pose.
+    """Albedo of the skin at points of the rest pose.
 
     Args:
-        tone: Whose skin.
-        skin: Where nails and creases are.
-        spots: The points.
+        tone: Skin colours of the person.
+        skin: Positions of nails and creases.
+        spots: Points to colour.
     """
     share = np.clip(0.5 - 0.9 * spots.dorsal, 0, 1)[:, None]
     albedo = tone.back * (1 - share) + tone.palm * share
@@ -201,7 +201,7 @@ def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.nda
 
 
 def _creases(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
-    """Thin lines across the fingers at the joints, stronger on the palm side."""
+    """Strength, 0–1, of thin lines across the fingers at the joints, stronger on the palmar side."""
     which = skin.crease_of[spots.vertex]
     local = _in_frames(spots.texture - skin.joints[which], skin.frames[which])
     near = (np.abs(local[:, 1]) < 0.013) & (np.abs(local[:, 2]) < 0.012)
@@ -210,7 +210,7 @@ def _creases(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
 
 
 def _nails(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
-    """1 inside a nail, 0 outside, with a soft edge."""
+    """Coverage by nails: 1 inside, 0 outside, with a soft edge."""
     which = skin.nail_of[spots.vertex]
     local = _in_frames(spots.texture - skin.nail_centres[which], skin.nail_frames[which])
     squared = (local[:, ::2] / (_NAIL * skin.nail_size[which][:, None])) ** 2
@@ -227,18 +227,18 @@ def _in_frames(
 
 @dataclass(frozen=True)
 class Paint:
-    """A two-coloured pattern for cloth and things."""
+    """Stripes of two colours for cloth and objects."""
 
     colours: Float[np.ndarray, "2 3"]
-    """Linear."""
+    """The two colours, linear."""
     wave: Float[np.ndarray, " 4"]
     """Spatial frequency (radians per metre) and phase of the stripes."""
     contrast: float
-    """0 for plain."""
+    """Contrast of the stripes, 0–1; 0 is a single colour."""
 
 
 def sample_paint(random: np.random.Generator) -> Paint:
-    """Any two colours, half of the time plain."""
+    """Draw two colours and stripes; half of all paints have a single colour."""
     direction = random.normal(size=3)
     frequency = random.uniform(150, 900) * direction / np.linalg.norm(direction)
     contrast = 0.0 if random.random() < 0.5 else random.uniform(0.3, 1.0)
@@ -248,7 +248,7 @@ def sample_paint(random: np.random.Generator) -> Paint:
 
 
 def paint_albedo(paint: Paint, texture: Float[np.ndarray, "hit 3"]) -> Float[np.ndarray, "hit 3"]:
-    """Colour of the pattern at points."""
+    """Albedo of the pattern at texture coordinates."""
     stripe = np.clip(2 * np.sin(texture @ paint.wave[:3] + paint.wave[3]), -1, 1)
     share = (paint.contrast * (0.5 + 0.5 * stripe))[:, None]
     return np.asarray(paint.colours[0] * (1 - share) + paint.colours[1] * share)

@@ -1,6 +1,6 @@
-"""Triangle surfaces for the renderer: hand with forearm, sleeve, and things to hold.
+"""Triangle meshes for the renderer: hand with forearm, sleeve and objects.
 
-NumPy throughout: pictures are made in worker processes, one at a time.
+All arrays are NumPy's, since images are rendered one at a time in worker processes.
 """
 
 from dataclasses import dataclass
@@ -9,25 +9,25 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-SKIN, CLOTH, THING = 0, 1, 2
+SKIN, CLOTH, OBJECT = 0, 1, 2
 FOREARM_LENGTH: Final = 0.26
 FOREARM_RINGS: Final = 12
 ELLIPSE: Final = (0.023, 0.030)
-"""Half thickness and half breadth of the forearm near the wrist, metres."""
+"""Half thickness and half width of the forearm near the wrist, metres."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles with what shading needs at their corners."""
+    """Triangle mesh with texture coordinates and a material."""
 
     vertices: Float[np.ndarray, "vertex 3"]
-    """Metres; the frame is the caller's."""
+    """Vertices, metres, in the frame that the caller chooses."""
     faces: Int[np.ndarray, "face 3"]
-    """Counter-clockwise from outside."""
+    """Triangles, counter-clockwise from outside."""
     texture: Float[np.ndarray, "vertex 3"]
-    """Where a solid texture is looked up, metres: the rest pose's position for skin."""
+    """3D texture coordinates, metres; for skin, positions in the rest pose."""
     material: int
-    """`SKIN`, `CLOTH` or `THING`."""
+    """`SKIN`, `CLOTH` or `OBJECT`."""
 
 
 def vertex_normals(
@@ -37,9 +37,10 @@ def vertex_normals(
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     index = faces.ravel()
-    spread = np.repeat(normals, 3, axis=0)
+    corner_normals = np.repeat(normals, 3, axis=0)
     sums = np.stack(
-        [np.bincount(index, spread[:, axis], minlength=len(vertices)) for axis in range(3)], axis=1
+        [np.bincount(index, corner_normals[:, axis], minlength=len(vertices)) for axis in range(3)],
+        axis=1,
     )
     return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
 
@@ -47,7 +48,7 @@ def vertex_normals(
 def merged(
     surfaces: tuple[Surface, ...],
 ) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """Vertices and faces of all surfaces, one after another."""
+    """Concatenate the vertices and faces of surfaces."""
     starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
     faces = [s.faces + start for s, start in zip(surfaces, starts[:-1], strict=True)]
     return np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces)
@@ -65,37 +66,37 @@ def tube_faces(rings: int, around: int, start: int = 0) -> Int[np.ndarray, "face
 
 @dataclass(frozen=True)
 class Forearm:
-    """How the forearm goes on from the wrist."""
+    """Direction and thickness of the forearm."""
 
     flexion: float
-    """Of the wrist, radians, positive towards the palm."""
+    """Flexion of the wrist, radians, positive towards the palm."""
     deviation: float
-    """Of the wrist, radians, positive towards the thumb."""
+    """Deviation of the wrist, radians, positive towards the thumb."""
     girth: float
-    """Breadth relative to `ELLIPSE`."""
+    """Thickness relative to `ELLIPSE`."""
 
     def centres(self, along: Float[np.ndarray, " ring"]) -> Float[np.ndarray, "ring 3"]:
         """Points of the centre line, from the wrist at 0, hand's axes, metres."""
         fine = np.linspace(0, along.max(), 64)
-        steps = np.diff(fine, prepend=0.0)[:, None] * _direction(*self._turned(fine))
+        steps = np.diff(fine, prepend=0.0)[:, None] * _direction(*self._wrist_angles(fine))
         line = np.cumsum(steps, axis=0)
         return np.stack([np.interp(along, fine, line[:, axis]) for axis in range(3)], axis=1)
 
     def axes(
         self, along: Float[np.ndarray, " ring"]
     ) -> tuple[Float[np.ndarray, "ring 3"], Float[np.ndarray, "ring 3"]]:
-        """Directions across the forearm: to the back of the hand and to the thumb."""
-        flexion, deviation = self._turned(along)
+        """Dorsal direction and direction towards the thumb at points along the forearm."""
+        flexion, deviation = self._wrist_angles(along)
         direction = _direction(flexion, deviation)
         thumb = np.broadcast_to([0.0, 0.0, 1.0], direction.shape)
         back = np.cross(thumb, direction)
         back /= np.linalg.norm(back, axis=1, keepdims=True)
         return back, np.cross(direction, back)
 
-    def _turned(
+    def _wrist_angles(
         self, along: Float[np.ndarray, " ring"]
     ) -> tuple[Float[np.ndarray, " ring"], Float[np.ndarray, " ring"]]:
-        """The wrist bends over its first five centimetres."""
+        """Flexion and deviation along the forearm, which increase over the first five centimetres."""
         share = np.clip(along / 0.05, 0, 1)
         return self.flexion * share, self.deviation * share
 
@@ -103,7 +104,7 @@ class Forearm:
 def _direction(
     flexion: Float[np.ndarray, " ring"], deviation: Float[np.ndarray, " ring"]
 ) -> Float[np.ndarray, "ring 3"]:
-    """Towards the elbow; flexing the wrist to the palm leaves the elbow on the palm's side."""
+    """Unit vector towards the elbow; palmar flexion moves the elbow to the palmar side."""
     return np.stack(
         [
             np.cos(flexion) * np.cos(deviation),
@@ -115,12 +116,12 @@ def _direction(
 
 
 def with_forearm(hand: Surface, ring: Int[np.ndarray, " ring"], forearm: Forearm) -> Surface:
-    """The hand with a forearm grown from its open wrist.
+    """Attach a forearm to the open wrist of a hand.
 
     Args:
-        hand: In the hand's frame.
-        ring: Its open boundary, as `HandAsset.wrist_ring`.
-        forearm: How it goes on.
+        hand: Surface in the hand's frame.
+        ring: Open boundary, as `HandAsset.wrist_ring`.
+        forearm: Direction and thickness of the forearm.
     """
     start = hand.vertices[ring]
     wrist = start.mean(axis=0)
@@ -149,13 +150,13 @@ def with_forearm(hand: Surface, ring: Int[np.ndarray, " ring"], forearm: Forearm
 
 
 def sleeve(wrist: Float[np.ndarray, " 3"], forearm: Forearm, begin: float, width: float) -> Surface:
-    """A sleeve around the forearm, with a rolled hem.
+    """Make a sleeve around the forearm, with a rolled hem.
 
     Args:
         wrist: Centre of the wrist's boundary, hand's frame, metres.
-        forearm: What it covers.
-        begin: Where it ends towards the hand, metres from the wrist.
-        width: Relative to the forearm, more than one.
+        forearm: The forearm inside.
+        begin: Distance of the hem from the wrist, metres.
+        width: Width relative to the forearm, more than one.
     """
     along = np.concatenate([[begin + 0.004], np.linspace(begin, FOREARM_LENGTH + 0.05, 10)])
     centres = forearm.centres(along)
@@ -174,10 +175,10 @@ def sleeve(wrist: Float[np.ndarray, " 3"], forearm: Forearm, begin: float, width
 
 
 def revolved(profile: Float[np.ndarray, "point 2"], around: int = 24) -> Surface:
-    """A solid of revolution about z: balls, bottles, cups, bars.
+    """Make a solid of revolution about z: a ball, bottle, cup or bar.
 
     Args:
-        profile: Radius and height of the outline from the bottom up, metres. A repeated point makes a
+        profile: Radius and height along the outline, bottom first, metres. A repeated point makes a
             sharp edge.
         around: Number of facets.
     """
@@ -190,11 +191,11 @@ def revolved(profile: Float[np.ndarray, "point 2"], around: int = 24) -> Surface
         ],
         axis=2,
     ).reshape(-1, 3)
-    return Surface(points, tube_faces(len(profile), around), points, THING)
+    return Surface(points, tube_faces(len(profile), around), points, OBJECT)
 
 
 def box(size: Float[np.ndarray, " 3"]) -> Surface:
-    """A box around the origin with sharp edges: every side has corners of its own.
+    """Make a box around the origin; sides do not share vertices, so that its edges are sharp.
 
     Args:
         size: Edge lengths, metres.
@@ -208,4 +209,4 @@ def box(size: Float[np.ndarray, " 3"]) -> Surface:
     vertices = np.concatenate(sides) * size
     quad = np.array([[0, 1, 2], [0, 2, 3]])
     faces = np.concatenate([quad + 4 * side for side in range(6)])
-    return Surface(vertices, faces, vertices, THING)
+    return Surface(vertices, faces, vertices, OBJECT)

@@ -1,4 +1,4 @@
-"""Poses that no living hand takes, made on purpose: what an audit must catch."""
+"""Unnatural poses: sampled gestures with one finger made impossible, to test scores of plausibility."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ Angles = Float[np.ndarray, "joint=15 axis=3"]
 
 @dataclass(frozen=True)
 class UnnaturalPose:
-    """A natural pose with one thing wrong."""
+    """Natural pose with one error."""
 
     kind: str
-    """A key of `KINDS`."""
+    """Kind of error, a key of `KINDS`."""
     finger: str
-    """Which finger it was done to."""
+    """Finger with the error."""
     joint_angles: Angles
     """Bend, splay and twist from the anatomical neutral, radians."""
 
@@ -30,30 +30,30 @@ def _joints(finger: str) -> list[int]:
 
 
 def _hyper_bent(random: np.random.Generator, angles: Angles, finger: str) -> None:
-    """A middle or last joint bent backwards by 40–80°."""
+    """Bend a middle or distal joint backwards by 40–80°."""
     joint = _joints(finger)[random.integers(1, 3)]
     angles[joint, BEND] = -np.radians(random.uniform(40, 80))
 
 
 def _over_bent(random: np.random.Generator, angles: Angles, finger: str) -> None:
-    """A last joint bent by 115–150°, into its own finger."""
+    """Bend a distal joint by 115–150°, into its own finger."""
     angles[_joints(finger)[2], BEND] = np.radians(random.uniform(115, 150))
 
 
 def _twisted(random: np.random.Generator, angles: Angles, finger: str) -> None:
-    """A bone turned about itself by 40–80°."""
+    """Twist a bone about its own axis by 40–80°."""
     joint = _joints(finger)[random.integers(0, 3)]
     angles[joint, TWIST] = random.choice([-1, 1]) * np.radians(random.uniform(40, 80))
 
 
 def _sideways(random: np.random.Generator, angles: Angles, finger: str) -> None:
-    """A hinge bent to the side by 35–70°."""
+    """Bend a middle or distal joint sideways by 35–70°."""
     joint = _joints(finger)[random.integers(1, 3)]
     angles[joint, SPLAY] = random.choice([-1, 1]) * np.radians(random.uniform(35, 70))
 
 
 def _penetrating(random: np.random.Generator, angles: Angles, finger: str) -> None:
-    """A straight finger pushed through its neighbour's place, or a fist pushed through the palm."""
+    """Splay a straight finger into its neighbour, or bend a finger through the palm."""
     root, middle, last = _joints(finger)
     if random.random() < 0.5 and finger != "thumb":
         angles[[root, middle, last], BEND] = np.radians([108, 112, 30])
@@ -70,18 +70,18 @@ KINDS: Final[dict[str, Callable[[np.random.Generator, Angles, str], None]]] = {
     "sideways": _sideways,
     "penetrating": _penetrating,
 }
-"""What can be wrong, and what does it."""
+"""Functions that add each kind of error to the joint angles, in place."""
 
 
 def sample_unnatural_pose(random: np.random.Generator, kind: str | None = None) -> UnnaturalPose:
-    """A sampled gesture with one finger spoilt.
+    """Sample a gesture and add one error to one finger.
 
     Args:
         random: Source of randomness.
-        kind: A key of `KINDS`; any of them if not given.
+        kind: A key of `KINDS`; random if None.
 
     Raises:
-        ValueError: There is no such kind.
+        ValueError: The kind is unknown.
     """
     if kind is not None and kind not in KINDS:
         raise ValueError(f"Unknown kind of unnatural pose {kind!r}; known are {sorted(KINDS)}.")

@@ -1,4 +1,4 @@
-"""Where the camera stands: viewpoint, intrinsics, and a placement that fills the crop with the hand."""
+"""Random viewpoints and intrinsics, with a translation that makes the hand fill the crop."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,7 @@ from hand_recon.camera import REFERENCE_SIZE, project_array
 from hand_recon.data.synthetic.levels import Level, Range
 
 FACING: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Hand to camera with the palm towards the camera and the fingers up."""
+"""Rotation from hand to camera with the palm towards the camera and the fingers up."""
 
 _FOREARM_TO_CAMERA: Final = -0.6
 """Least depth component of the unit vector to the elbow."""
@@ -18,17 +18,17 @@ _FOREARM_TO_CAMERA: Final = -0.6
 
 @dataclass(frozen=True)
 class View:
-    """A placement of the hand before a camera."""
+    """Rotation, translation and camera matrix of one view."""
 
     root_rotation: Float[np.ndarray, "3 3"]
-    """Hand's frame to camera's."""
+    """Rotation from the hand's frame to the camera's."""
     translation: Float[np.ndarray, " 3"]
-    """Of the hand's origin, metres, camera frame."""
+    """Position of the hand's origin in the camera's frame, metres."""
     intrinsics: Float[np.ndarray, "3 3"]
-    """Of the crop, pixels."""
+    """Camera matrix, pixels of the crop."""
 
     def to_camera(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
-        """Points of the hand's frame in the camera's, metres."""
+        """Transform points from the hand's frame to the camera's, metres."""
         return points @ self.root_rotation.T + self.translation
 
 
@@ -38,12 +38,12 @@ def sample_view(
     crop_size: int,
     landmarks: Float[np.ndarray, "landmark=21 3"],
 ) -> View:
-    """A viewpoint of the level, from which the landmarks fill the crop as if a box had cut it out.
+    """Draw a view of the level in which the landmarks' bounding square has the drawn size and offset.
 
     Args:
         random: Source of randomness.
-        level: Cone, roll, camera, fill and offset.
-        crop_size: Side of the picture, pixels.
+        level: Level with the ranges of viewpoint, roll, camera, fill and offset.
+        crop_size: Side of the image, pixels.
         landmarks: Hand's frame, metres.
     """
     rotation = sample_rotation(random, level)
@@ -59,9 +59,9 @@ def sample_view(
 
 
 def sample_rotation(random: np.random.Generator, level: Level) -> Float[np.ndarray, "3 3"]:
-    """Uniform over the cap of viewpoints within the level's cone, then a roll.
+    """Draw a viewpoint uniformly within the level's cone, then a roll.
 
-    Viewpoints from which the forearm would point at the camera and hide the hand are left out.
+    Viewpoints from which the forearm points at the camera and hides the hand are left out.
     """
     rotation = _any_rotation(random, level)
     while rotation[2, 0] < _FOREARM_TO_CAMERA:
@@ -101,7 +101,7 @@ def _fit(
     centre: Float[np.ndarray, " 2"],
     side: float,
 ) -> Float[np.ndarray, " 3"]:
-    """Translation for which the points' bounding square has this centre and side, in pixels."""
+    """Translation, metres, at which the projected bounding square has this centre and side, pixels."""
     focal = intrinsics[0, 0]
     extent = float(np.ptp(points[:, :2], axis=0).max())
     translation = np.array([0.0, 0.0, focal * extent / side])

@@ -1,4 +1,4 @@
-"""Things that hide parts of a hand: held in the grasp, or in front of it."""
+"""Objects that occlude a hand: held in the grasp, or between camera and hand."""
 
 import numpy as np
 from jaxtyping import Float
@@ -14,13 +14,13 @@ _GRASP = [
         "little MCP",
     )
 ]  # fmt: skip
-"""Landmarks around what a hand holds."""
+"""Landmarks around a held object."""
 
 _SMALLEST, _LARGEST = 0.008, 0.055
 
 
 def _profile(random: np.random.Generator, radius: float) -> Float[np.ndarray, "point 2"]:
-    """Outline of a bar, bottle, cup or ball of about that radius, metres."""
+    """Outline of a bar, bottle, cup or ball with about the given radius, metres."""
     points: list[tuple[float, float]]
     kind = random.integers(4)
     half = random.uniform(0.05, 0.12)
@@ -34,27 +34,27 @@ def _profile(random: np.random.Generator, radius: float) -> Float[np.ndarray, "p
         rim = random.uniform(1.1, 1.4)
         points = [(0, -half), (1, -half), (1, -half), (rim, half), (rim, half), (0, half)]
     else:
-        turn = np.linspace(-np.pi / 2, np.pi / 2, 11)
-        points = [(float(np.cos(t)), float(radius * np.sin(t))) for t in turn]
+        angles = np.linspace(-np.pi / 2, np.pi / 2, 11)
+        points = [(float(np.cos(t)), float(radius * np.sin(t))) for t in angles]
     outline = np.array(points, dtype=float)
     outline[:, 0] *= radius
     return outline
 
 
-def held_thing(
+def held_object(
     random: np.random.Generator,
     landmarks: Float[np.ndarray, "landmark=21 3"],
     vertices: Float[np.ndarray, "vertex 3"],
 ) -> Surface | None:
-    """Something round across the palm, as thick as the grasp leaves room for.
+    """Make a solid of revolution across the palm, as thick as the grasp allows.
 
     Args:
         random: Source of randomness.
         landmarks: Hand's frame, metres.
-        vertices: The hand's surface in the same frame.
+        vertices: Vertices of the hand in the same frame.
 
     Returns:
-        Nothing when the hand leaves no room.
+        The object, or None if the grasp leaves no room.
     """
     centre = landmarks[_GRASP].mean(axis=0) + random.normal(scale=0.004, size=3)
     across = np.array([0.0, 0.0, 1.0]) + random.normal(scale=0.15, size=3)
@@ -64,18 +64,18 @@ def held_thing(
     room = float(np.linalg.norm(beside, axis=1).min()) + 0.002
     if room < _SMALLEST:
         return None
-    thing = revolved(_profile(random, min(room, _LARGEST)))
-    return _moved(thing, _to_axis(across), centre)
+    solid = revolved(_profile(random, min(room, _LARGEST)))
+    return _transformed(solid, _to_axis(across), centre)
 
 
-def front_thing(
+def front_object(
     random: np.random.Generator, landmarks: Float[np.ndarray, "landmark=21 3"]
 ) -> Surface:
-    """A bar, box or ball between the camera and a random landmark.
+    """Make a bar, box or other solid between the camera and a random landmark.
 
     Args:
         random: Source of randomness.
-        landmarks: Camera's frame, metres.
+        landmarks: Camera frame, metres.
     """
     target = landmarks[random.integers(len(landmarks))]
     nearest = landmarks[:, 2].min() - 0.03
@@ -85,18 +85,18 @@ def front_thing(
     kind = random.integers(3)
     if kind == 0:
         size = extent * np.array([random.uniform(0.08, 0.18), random.uniform(0.3, 0.7), 0.05])
-        thing = box(size)
+        solid = box(size)
     elif kind == 1:
         radius = extent * random.uniform(0.04, 0.09)
-        thing = revolved(np.array([[0, -1.2], [radius, -1.2], [radius, 1.2], [0, 1.2]]))
+        solid = revolved(np.array([[0, -1.2], [radius, -1.2], [radius, 1.2], [0, 1.2]]))
     else:
-        thing = revolved(_profile(random, extent * random.uniform(0.08, 0.16)) * [1, 0.5])
-    turn = axis_rotation(_unit(random), random.uniform(0, np.pi))
+        solid = revolved(_profile(random, extent * random.uniform(0.08, 0.16)) * [1, 0.5])
+    rotation = axis_rotation(_unit(random), random.uniform(0, np.pi))
     if kind == 1:
-        # A long bar that points at the camera would cover the picture.
+        # A long bar that points at the camera would cover the whole image.
         heading = random.uniform(0, np.pi)
-        turn = _to_axis(np.array([np.cos(heading), np.sin(heading), 0.0]))
-    return _moved(thing, turn, centre)
+        rotation = _to_axis(np.array([np.cos(heading), np.sin(heading), 0.0]))
+    return _transformed(solid, rotation, centre)
 
 
 def _unit(random: np.random.Generator) -> Float[np.ndarray, " 3"]:
@@ -105,14 +105,14 @@ def _unit(random: np.random.Generator) -> Float[np.ndarray, " 3"]:
 
 
 def _to_axis(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """A rotation that takes z to the axis."""
+    """Rotation that takes the z axis to the given axis."""
     helper = np.eye(3)[int(np.abs(axis).argmin())]
     first = np.cross(helper, axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first), axis], axis=1)
 
 
-def _moved(
+def _transformed(
     surface: Surface, rotation: Float[np.ndarray, "3 3"], centre: Float[np.ndarray, " 3"]
 ) -> Surface:
     vertices = surface.vertices @ rotation.T + centre

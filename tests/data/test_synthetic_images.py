@@ -10,7 +10,7 @@ from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.levels import DIFFICULTIES
-from hand_recon.data.synthetic.light import open_sky
+from hand_recon.data.synthetic.light import sky_visibility
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import synthetic_hand
 from hand_recon.data.synthetic.surface import box, revolved, vertex_normals
@@ -149,8 +149,8 @@ def test_the_sky_is_open_over_a_ball_and_closed_inside_a_box() -> None:
     solid = box(np.array([0.02, 0.02, 0.02]))
     scene = RayScene(solid.vertices, solid.faces)
     outwards = np.array([[0.0, 0.0, 1.0]])
-    assert open_sky(scene, np.array([[0.0, 0.0, 0.0101]]), outwards)[0] == 1
-    assert open_sky(scene, np.zeros((1, 3)), outwards)[0] == 0
+    assert sky_visibility(scene, np.array([[0.0, 0.0, 0.0101]]), outwards)[0] == 1
+    assert sky_visibility(scene, np.zeros((1, 3)), outwards)[0] == 0
 
 
 def test_projection_agrees_with_a_hand_computed_pixel() -> None:
