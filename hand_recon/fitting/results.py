@@ -133,7 +133,7 @@ class _MeshesAndImages:
         name = _file_name(part.observed.names[position], number)
         if number < self.options.meshes:
             target = self._folder("meshes") / f"{name}.{self.options.mesh_format}"
-            _mesh(part, position, self.faces).export(target)
+            _write_mesh(target, part, position, self.faces)
         if number < self.options.pictures:
             hand = fitted_image(part, position, number)
             self.captions.append(hand.caption)
@@ -164,11 +164,15 @@ def _file_name(name: str, number: int) -> str:
     return f"{number:06d}" if safe in ("", str(number)) else f"{number:06d}_{safe}"
 
 
-def _mesh(part: FittedHands, position: int, faces: Int[np.ndarray, "face 3"]) -> trimesh.Trimesh:
+def _write_mesh(
+    path: Path, part: FittedHands, position: int, faces: Int[np.ndarray, "face 3"]
+) -> None:
+    # Half a second, which a fit that writes no mesh should not wait for.
+
     # Mirroring a hand turns its triangles inside out: reverse their winding.
     faces = faces[:, ::-1] if bool(part.observed.left[position]) else faces
     vertices = part.prediction.vertices[position].double().numpy()
-    return trimesh.Trimesh(vertices, faces, process=False)
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
