@@ -56,26 +56,22 @@ def write_submission(
     """
     names = [TEXT] if protocol.is_text else ["pred.json", "pred.zip"]
     paths = [folder / name for name in names]
-    for path in paths:
-        if path.exists():
-            raise FileExistsError(
-                f"{path} exists and is not overwritten; choose another folder or remove it."
-            )
-    _check(prediction, ids)
+    _check(paths, prediction, ids)
     points = protocol.from_internal(rooted(prediction, root).double())
     folder.mkdir(parents=True, exist_ok=True)
     if protocol.is_text:
         _write_text(paths[0], points, ids, protocol.decimals)
         return paths
-    with paths[0].open("x", encoding="ascii") as stream:
-        stream.writelines(_json_parts(points, protocol.decimals))
-    # The lowest compression level: higher ones take minutes for a gigabyte of digits.
-    with zipfile.ZipFile(paths[1], "x", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        archive.write(paths[0], "pred.json")
+    _write_json(*paths, points, protocol.decimals)
     return paths
 
 
-def _check(prediction: HandPoints, ids: Tensor | None) -> None:
+def _check(paths: list[Path], prediction: HandPoints, ids: Tensor | None) -> None:
+    for path in paths:
+        if path.exists():
+            raise FileExistsError(
+                f"{path} exists and is not overwritten; choose another folder or remove it."
+            )
     index = torch.arange(len(prediction))
     require_finite("landmarks", prediction.landmarks, index)
     if prediction.vertices is not None:
@@ -100,6 +96,14 @@ def rooted(points: HandPoints, root: Float[Tensor, "hand 3"] | None) -> HandPoin
         None if points.vertices is None else points.vertices + translation.to(points.vertices)
     )
     return HandPoints(points.landmarks + translation, vertices)
+
+
+def _write_json(path: Path, packed: Path, points: HandPoints, decimals: int) -> None:
+    with path.open("x", encoding="ascii") as stream:
+        stream.writelines(_json_parts(points, decimals))
+    # The lowest compression level: higher ones take minutes for a gigabyte of digits.
+    with zipfile.ZipFile(packed, "x", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.write(path, "pred.json")
 
 
 def _json_parts(points: HandPoints, decimals: int) -> Iterator[str]:

@@ -33,6 +33,7 @@ from hand_recon.visualization.curves import draw_curves
 from hand_recon.visualization.overlay import rows
 from hand_recon.visualization.paper_figures import rank_by_uncertainty
 from hand_recon.visualization.run_report import Report, write_report
+from hand_recon.visualization.score_names import heading
 
 logger = logging.getLogger(__name__)
 
@@ -258,7 +259,7 @@ def _print_table(scores: dict[str, float], baseline: dict[str, float], data_name
     if baseline:
         table.add_column("mean pose", justify="right")
     for name, value in scores.items():
-        row = [name, f"{value:.3f}"]
+        row = [heading(name), f"{value:.3f}"]
         if baseline:
             row.append(f"{baseline[name]:.3f}" if name in baseline else "")
         table.add_row(*row)

@@ -1,1 +1,1 @@
-"""Runs as the paper's tables (Sec. 4.2-5)."""
+"""The paper's tables beside our runs (Sec. 4.2-5)."""

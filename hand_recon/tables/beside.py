@@ -1,4 +1,4 @@
-"""Tables 2 and 3 with our runs below the rows that they repeat, each with what it did otherwise."""
+"""Tables 2 and 3 with our runs below the rows they reproduce, and how their settings differ (Sec. 4.3, 5)."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,40 +21,41 @@ from hand_recon.tables.published import (
 from hand_recon.tables.studies import Experiment, Study
 from hand_recon.tables.summary import Spread, spreads
 from hand_recon.tables.text_tables import ABSENT, UNITS, TextTable, spread_text
+from hand_recon.visualization.score_names import heading
 
 UNITS_2_3: Final = {**UNITS, "E_RV": "mm"}
-"""Of the scores; areas under a curve have none."""
+"""Units of the scores; areas under a curve have none."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One row: the paper's or ours."""
+    """One row of a table, the paper's or ours."""
 
     label: str
-    """What it is called."""
+    """Name of the method."""
     learns_from: str
-    """Labels that it was trained with."""
+    """Labels that the method was trained with."""
     scores: dict[str, Spread]
-    """By name."""
+    """Scores by name."""
     seeds: tuple[int, ...] = ()
-    """That were averaged over; empty for the paper's."""
+    """Seeds that were averaged over; empty for the paper's rows."""
     differs: tuple[str, ...] = ()
-    """What it did otherwise than the paper's row; empty for the paper's own."""
+    """Differences from the paper's settings, in words; empty for the paper's rows."""
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A table of the paper with ours in it."""
+    """A table of the paper with our rows added."""
 
     table: PublishedTable
-    """The paper's."""
+    """Table of the paper."""
     entries: tuple[Entry, ...]
-    """Every published row, each with ours below."""
+    """Every published row, each followed by ours."""
 
 
 @dataclass(frozen=True)
 class _Ours:
-    """One method in one study."""
+    """One of our methods in one study."""
 
     study: Study
     experiment: Experiment
@@ -69,7 +70,11 @@ class _Ours:
 
 
 def beside(studies: Sequence[Study]) -> tuple[Beside, ...]:
-    """The tables for which there is any run of ours."""
+    """Tables 2 and 3 as far as we have runs for them.
+
+    Args:
+        studies: Our runs.
+    """
     ours = [_Ours(study, experiment) for study in studies for experiment in study.experiments]
     found = []
     for table in (*TABLES_2, TABLE_3A, TABLE_3B):
@@ -80,12 +85,12 @@ def beside(studies: Sequence[Study]) -> tuple[Beside, ...]:
 
 
 def text_table(one: Beside) -> TextTable:
-    """As text; a row of ours names what it did otherwise, the paper's have nothing to name."""
+    """Format a table as text, with the seeds and differences of our rows."""
     names = one.table.scores
-    headings = [f"{name}, {UNITS_2_3[name]}" if name in UNITS_2_3 else name for name in names]
+    headings = [heading(name, UNITS_2_3.get(name)) for name in names]
     return TextTable(
         one.table.title,
-        ("method", "learns from", *headings, "seeds", "otherwise than the paper"),
+        ("method", "learns from", *headings, "seeds", "differences from the paper"),
         tuple(
             (
                 entry.label,
@@ -95,7 +100,7 @@ def text_table(one: Beside) -> TextTable:
                     for name in names
                 ),
                 str(len(entry.seeds)) if entry.seeds else ABSENT,
-                ("; ".join(entry.differs) or "nothing") if entry.seeds else "",
+                ("; ".join(entry.differs) or "none") if entry.seeds else "",
             )
             for entry in one.entries
         ),
@@ -103,22 +108,22 @@ def text_table(one: Beside) -> TextTable:
 
 
 def notes_beside(one: Beside) -> list[str]:
-    """What must be said below the table."""
-    said = [
-        "Rows without seeds are the paper's numbers. A row of ours compares with them only as far as its "
-        "last column allows, which lists what the settings say; docs/decisions.md has what always differs."
+    """Notes to show below the table."""
+    sentences = [
+        "Rows without seeds are the paper's numbers. The last column lists the settings in which a row of "
+        "ours differs from the paper's; docs/decisions has the differences that all our runs share."
     ]
     if one.table is TABLE_3B:
-        said.append(
-            "That the fully supervised row has no knowledge beyond the shape's is our reading of the paper."
+        sentences.append(
+            "The paper does not say which prior the fully supervised row has; we take the shape term alone."
         )
     if one.table.dataset == "ho3d":
-        said.append("The paper's HO3D numbers are from the benchmark's server.")
-    return said
+        sentences.append("The paper's HO3D numbers are from the benchmark's server.")
+    return sentences
 
 
 def csv_rows_beside(tables: Sequence[Beside]) -> list[dict[str, str | float | None]]:
-    """One line per row, numbers as they are; every line has the same columns."""
+    """CSV lines, one per row, with unrounded numbers; every line has the same columns."""
     names = list(dict.fromkeys(name for one in tables for name in one.table.scores))
     lines = []
     for one in tables:
@@ -138,7 +143,7 @@ def csv_rows_beside(tables: Sequence[Beside]) -> list[dict[str, str | float | No
 
 
 def _row_of(table: PublishedTable, ours: _Ours) -> PublishedRow | None:
-    """The row that a run repeats, if it has any business in a table."""
+    """Row of a table that a run reproduces; none if the run does not belong in the table."""
     rows = {row.experiment: row for row in table.rows if row.experiment}
     if table is TABLE_3A:
         name = _prior_experiment(ours)
@@ -159,7 +164,7 @@ def _prior_experiment(ours: _Ours) -> str | None:
 
 
 def _share_experiment(ours: _Ours) -> str | None:
-    """Of shares that the paper does not have, the nearest one's: the row says how many they were."""
+    """Experiment of Table 3 (b) with the nearest share of 3D labels; none for other kinds of runs."""
     share = share_of_3d(ours.settings)
     if share:
         return "table3b_100" if share > 0.5 else "table3b_10"
@@ -170,7 +175,7 @@ def _share_experiment(ours: _Ours) -> str | None:
 
 
 def _is_compared_with(ours: _Ours, others: Sequence[Experiment]) -> bool:
-    """Whether it has all knowledge, no 3D label, and the data term of one that has 3D as prior or label."""
+    """Whether a run has full knowledge, no 3D labels, and the data term of one of the others."""
     if not is_full_knowledge(ours.settings) or share_of_3d(ours.settings):
         return False
     own = _data_term(ours.experiment)
@@ -211,6 +216,6 @@ def _learns_from(ours: _Ours) -> str:
 
 
 def _decimals(table: PublishedTable, name: str, entry: Entry) -> int:
-    """As many as the paper prints in that column; two at least for ours."""
+    """Decimal places of a column: as many as the paper prints, at least two for our rows."""
     printed = (str(row.scores[name]) for row in table.rows if name in row.scores)
     return max(2 if entry.seeds else 1, *(len(text.partition(".")[-1]) for text in printed))

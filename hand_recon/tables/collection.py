@@ -1,40 +1,40 @@
-"""The runs that a user means, sorted into studies."""
+"""Collection of runs from folders, grouped into studies."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hand_recon.tables.runs import FinishedRun, LeftOut, default_place, read_run, run_folders
+from hand_recon.tables.runs import FinishedRun, LeftOut, default_folder, read_run, run_folders
 from hand_recon.tables.studies import Compared, Study, group
 
 
 @dataclass(frozen=True)
 class Collection:
-    """What was found."""
+    """Runs that were found."""
 
-    places: tuple[str, ...]
-    """Where was looked."""
+    sources: tuple[str, ...]
+    """Folders and patterns that were searched."""
     studies: tuple[Study, ...]
-    """Those with most rows of Table 1 first."""
+    """Studies, those with most rows of Table 1 first."""
     left_out: tuple[LeftOut, ...]
-    """Runs that are in no study, and why."""
+    """Runs that are in no study, with the reason."""
 
 
 def collect(runs: str | Iterable[str] | None, output: Path, compared: Compared) -> Collection:
-    """Find, read and sort runs.
+    """Find runs, read them and group them into studies.
 
     Args:
-        runs: A folder or pattern, or several; none for the newest sweep, or what else there is.
-        output: Where runs are written, for that default.
-        compared: How settings are read.
+        runs: Folder or pattern, or several; none for the newest sweep, or all runs where there is no sweep.
+        output: Folder of all runs, for that default.
+        compared: Meaning of the settings for the comparison.
 
     Raises:
-        FileNotFoundError: What `runs` names does not exist.
+        FileNotFoundError: A folder in `runs` does not exist, or a pattern matches nothing.
     """
     if runs is None:
-        runs = str(default_place(output.absolute()))
-    places = (runs,) if isinstance(runs, str) else tuple(str(place) for place in runs)
-    read = [read_run(folder) for folder in run_folders(places)]
+        runs = str(default_folder(output.absolute()))
+    sources = (runs,) if isinstance(runs, str) else tuple(str(source) for source in runs)
+    read = [read_run(folder) for folder in run_folders(sources)]
     studies, replaced = group([run for run in read if isinstance(run, FinishedRun)], compared)
     left_out = (*(run for run in read if isinstance(run, LeftOut)), *replaced)
-    return Collection(places, studies, left_out)
+    return Collection(sources, studies, left_out)

@@ -28,24 +28,24 @@ NUMBERS: Final = {
 """The paper's values, and how another one is worded."""
 
 KNOWLEDGE: Final = {
-    "prior.range_of_motion": "20000.0",
-    "prior.functional_anatomy": "True",
-    "prior.non_penetration": "20000.0",
-    "prior.shape": "10.0",
-    "prior.pose_components": "0.0",
-    "prior.adversarial": "0.0",
+    "prior.range_of_motion.weight": "20000.0",
+    "prior.range_of_motion.anatomy": "FunctionalAnatomy",
+    "prior.non_penetration.weight": "20000.0",
+    "prior.shape.weight": "10.0",
+    "prior.pose_components.weight": "0.0",
+    "prior.adversarial.weight": "0.0",
 }
 """The paper's prior: `prior=full`."""
 
 NO_KNOWLEDGE: Final = KNOWLEDGE | {
-    "prior.range_of_motion": "0.0",
-    "prior.functional_anatomy": "False",
-    "prior.non_penetration": "0.0",
+    "prior.range_of_motion.weight": "0.0",
+    "prior.range_of_motion.anatomy": "None",
+    "prior.non_penetration.weight": "0.0",
 }
 """The shape regularisation alone: `prior=none`."""
 
-_FROM_3D: Final = ("prior.pose_components", "prior.adversarial")
-"""Weights that older runs do not have, and that are zero there."""
+_FROM_3D: Final = ("prior.pose_components.weight", "prior.adversarial.weight")
+"""Weights of terms that only the priors for comparison have."""
 
 
 def share_of_3d(settings: Settings) -> float:
@@ -59,7 +59,7 @@ def share_of_3d(settings: Settings) -> float:
 
 def is_adversarial(settings: Settings) -> bool:
     """Whether the prior was a discriminator."""
-    return bool(_number(settings.get("prior.adversarial")))
+    return bool(_number(settings.get("prior.adversarial.weight")))
 
 
 def is_full_knowledge(settings: Settings) -> bool:
@@ -141,9 +141,9 @@ def _method(settings: Settings, experiment: str) -> Iterator[str]:
 
 
 def _discriminator(settings: Settings) -> Iterator[str]:
-    weight = settings.get("prior.adversarial", "0.0")
-    yield from _priors(settings, NO_KNOWLEDGE | {"prior.adversarial": weight})
-    real = settings.get("prior.adversary.real._target_", "")
+    weight = settings.get("prior.adversarial.weight", "0.0")
+    yield from _priors(settings, NO_KNOWLEDGE | {"prior.adversarial.weight": weight})
+    real = settings.get("prior.adversarial.real._target_", "")
     if not is_adversarial(settings):
         yield "no discriminator"
     elif "freihand" not in real and settings.get("data") != "freihand":
@@ -152,9 +152,28 @@ def _discriminator(settings: Settings) -> Iterator[str]:
 
 def _priors(settings: Settings, expected: Mapping[str, str]) -> Iterator[str]:
     for name, value in expected.items():
-        found = settings.get(name, "0.0" if name in _FROM_3D else "unknown")
+        found = _of_prior(settings, name)
         if found != value and (_number(found) is None or _number(found) != _number(value)):
             yield f"{name}={found}"
+
+
+def _of_prior(settings: Settings, name: str) -> str:
+    """A weight or the anatomy of the prior; `unknown` where it was not recorded.
+
+    >>> _of_prior({"prior.shape.weight": "10.0"}, "prior.shape.weight")
+    '10.0'
+    >>> _of_prior({"prior.non_penetration": "None"}, "prior.non_penetration.weight")
+    '0.0'
+    >>> _of_prior({"prior.range_of_motion": "None"}, "prior.range_of_motion.anatomy")
+    'None'
+    """
+    if name in settings:
+        return settings[name]
+    if f"{name}._target_" in settings:
+        return settings[f"{name}._target_"].rpartition(".")[-1]
+    if settings.get(name.rpartition(".")[0]) == "None":
+        return "0.0" if name.endswith(".weight") else "None"
+    return "0.0" if name in _FROM_3D else "unknown"
 
 
 def _number(text: str | None) -> float | None:

@@ -1,4 +1,4 @@
-"""What a comparison leaves behind: Markdown, a page that opens offline, CSV, and one chart per study."""
+"""Files of a report: Markdown, an HTML page that opens offline, CSV, and one chart per study."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -17,21 +17,21 @@ from hand_recon.tables.text_tables import TextTable, csv_rows, describe, notes, 
 from hand_recon.visualization.run_report import embedded
 
 TITLE: Final = "The paper's tables beside ours"
-"""Of the documents."""
+"""Title of the documents."""
 
 NAMES: Final = ("table1.md", "table1.html", "table1.csv")
-"""Always written, the first two with all tables; charts are `table1.png`, `table1_study2.png` and so on."""
+"""Files that are always written; charts are `table1.png`, `table1_study2.png` and so on."""
 
 CSV_2_3: Final = "tables2_3.csv"
-"""Written where there is a run for Table 2 or 3."""
+"""File that is written where there is a run for Table 2 or 3."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Everything that a report says."""
+    """Contents of a report."""
 
     summaries: tuple[Summary, ...]
-    """One per study."""
+    """Summaries, one per study."""
     left_out: tuple[LeftOut, ...]
     """Runs that are in no table."""
     beside: tuple[Beside, ...] = ()
@@ -48,7 +48,7 @@ class Comparison:
 
     @property
     def headings(self) -> list[str]:
-        """What each study is called."""
+        """Heading of each study."""
         several = len(self.summaries) > 1
         return [
             f"Study {number}: {describe(summary.study)}" if several else describe(summary.study)
@@ -57,10 +57,10 @@ class Comparison:
 
 
 def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
-    """Write all documents into a folder, which is made.
+    """Write all documents into a folder, which is created.
 
     Returns:
-        The files, in the order in which one would open them.
+        The files, the page first.
 
     Raises:
         FileExistsError: The folder holds a report.
@@ -68,7 +68,7 @@ def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
     taken = [name for name in (*NAMES, CSV_2_3) if (folder / name).exists()]
     if taken:
         raise FileExistsError(
-            f"{folder} already holds {taken[0]}, and nothing is overwritten. Leave `output` to its "
+            f"{folder} already holds {taken[0]}, which is not overwritten. Leave `output` at its "
             "default, or name another folder."
         )
     folder.mkdir(parents=True, exist_ok=True)
@@ -88,14 +88,14 @@ def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
 
 
 def markdown(comparison: Comparison, charts: Sequence[Path | None] = ()) -> str:
-    """The whole comparison, columns aligned so that it reads well as plain text too."""
+    """The whole comparison as Markdown, with aligned columns."""
     blocks = [f"# {TITLE}"]
     for position, summary in enumerate(comparison.summaries):
         blocks.append(f"## {comparison.headings[position]}")
         for table in text_tables(summary):
             blocks += [f"### {table.title}", _markdown_table(table)]
         if position < len(charts) and (chart := charts[position]) is not None:
-            blocks.append(f"![E_J of every row]({chart.name})")
+            blocks.append(f"![PA-MPJPE (E_J) of every row]({chart.name})")
         blocks += notes(summary)
     for one in comparison.beside:
         blocks += [f"## {one.table.title}", _markdown_table(text_table(one)), *notes_beside(one)]
@@ -107,17 +107,17 @@ def markdown(comparison: Comparison, charts: Sequence[Path | None] = ()) -> str:
 
 def _markdown_table(table: TextTable) -> str:
     cells = [[cell.replace("|", r"\|") for cell in row] for row in (table.columns, *table.rows)]
-    widths = [max(3, *(len(row[place]) for row in cells)) for place in range(len(table.columns))]
+    widths = [max(3, *(len(row[column]) for row in cells)) for column in range(len(table.columns))]
     lines = [
         "| "
         + " | ".join(
-            cell.rjust(width) if place else cell.ljust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+            cell.rjust(width) if column else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         )
         + " |"
         for row in cells
     ]
-    rule = [("-" * width) if not place else "-" * (width - 1) + ":" for place, width in
+    rule = [("-" * width) if not column else "-" * (width - 1) + ":" for column, width in
             enumerate(widths)]  # fmt: skip
     return "\n".join([lines[0], "| " + " | ".join(rule) + " |", *lines[1:]])
 

@@ -1,4 +1,4 @@
-"""Bootstrap intervals over test hands: how much of a difference is the choice of hands."""
+"""Bootstrap confidence intervals over test hands."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -7,48 +7,47 @@ import numpy as np
 from jaxtyping import Float
 
 LEVEL: Final = 0.95
-"""Share of the resamples that an interval holds."""
+"""Confidence level: share of the resamples inside an interval."""
 
 _CHUNK: Final = 500
-"""Resamples drawn together, so that memory does not grow with their number."""
+"""Resamples drawn together, to bound the memory."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A percentile interval."""
+    """Percentile interval."""
 
     low: float
-    """Its lower end."""
+    """Lower end."""
     high: float
-    """Its upper end."""
+    """Upper end."""
 
     def excludes(self, value: float) -> bool:
-        """Whether a value lies outside."""
+        """Whether a value lies outside the interval."""
         return not self.low <= value <= self.high
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Draws hands with replacement; the same seed draws the same hands.
+    """Resampling of hands with replacement; the same seed draws the same hands.
 
-    Several columns are resampled together, hand by hand, so that what is made of two means, such as
-    their difference, is paired.
+    Columns are resampled together, hand by hand, so that the difference or ratio of two means is paired.
     """
 
     resamples: int = 5000
-    """How often the hands are drawn."""
+    """Number of resamples."""
     seed: int = 0
-    """Of the draws."""
+    """Seed of the draws."""
 
     def means(self, columns: Float[np.ndarray, "hand column"]) -> Float[np.ndarray, "draw column"]:
-        """The mean of every column over each draw of hands.
+        """Mean of every column over each resample of the hands.
 
         Raises:
             ValueError: There is no hand.
         """
         hands = len(columns)
         if hands == 0:
-            raise ValueError("There is no hand to draw from.")
+            raise ValueError("There is no hand to draw from; expected is at least one row.")
         generator = np.random.default_rng(self.seed)
         parts = []
         for start in range(0, self.resamples, _CHUNK):
@@ -58,6 +57,6 @@ class Bootstrap:
 
 
 def interval(draws: Float[np.ndarray, " draw"]) -> Interval:
-    """The middle `LEVEL` of some draws."""
+    """Central interval that holds the share `LEVEL` of the draws."""
     low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return Interval(float(low), float(high))

@@ -1,4 +1,4 @@
-"""Table 1 of the paper: what each row knows, and what it scored on FreiHAND (Sec. 4.2)."""
+"""Table 1 of the paper: knowledge and scores of each row, on FreiHAND (Sec. 4.2)."""
 
 import math
 from collections.abc import Mapping
@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from typing import Final
 
 KNOWLEDGE: Final = ("Biomechanics", "F-Anatomy", "Physics", "NLL")
-"""The columns of check marks."""
+"""Columns of check marks."""
 
 COMPARED: Final = ("E_J", "E_V", "PR")
-"""The columns of numbers: millimetres, millimetres, percent."""
-
+"""Columns of numbers: millimetres, millimetres, percent."""
 
 SQUARED_ERRORS: Final = ("SquaredError", "RescaledSquaredError", "Staged")
-"""Data terms that need no σ, and the one that is only a sequence of others; any other is a likelihood."""
+"""Data terms without σ, and the sequence of two data terms; any other data term is a likelihood."""
 
 LIKELIHOOD: Final = "NegativeLogLikelihood"
-"""The paper's, with β = 0; the others are variants of it."""
+"""The paper's data term, with β = 0; other likelihoods are variants of it."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +23,15 @@ class PaperRow:
     """One row of Table 1."""
 
     number: int
-    """From 1."""
+    """Number of the row, from 1."""
     name: str
-    """Of the experiment that repeats it."""
+    """Name of the experiment that reproduces the row."""
     title: str
-    """As in Fig. 3."""
+    """Title, as in Fig. 3."""
     knowledge: tuple[bool, bool, bool, bool]
-    """The check marks, in the order of `KNOWLEDGE`."""
+    """Check marks, in the order of `KNOWLEDGE`."""
     scores: dict[str, float]
-    """The paper's numbers, by the names in `COMPARED`."""
+    """The paper's scores, by the names in `COMPARED`."""
 
 
 def _row(number: int, title: str, *scores: float) -> PaperRow:
@@ -51,19 +50,19 @@ TABLE_1: Final = (
 """The five rows (Sec. 4.2)."""
 
 CONDITIONS: Final = "FreiHAND with MANO, ResNet-50 at 224 px, 200 epochs"
-"""What the paper's numbers were measured on."""
+"""Conditions of the paper's numbers."""
 
 
 def knowledge_of(method: Mapping[str, str]) -> tuple[bool, bool, bool, bool]:
-    """The check marks that a method's settings amount to.
+    """Check marks of a method, from its settings.
 
     Args:
         method: Settings by dotted name, as text.
     """
     return (
-        _positive(method.get("prior.range_of_motion")),
-        method.get("prior.functional_anatomy", "False") not in ("False", "None"),
-        _positive(method.get("prior.non_penetration")),
+        _positive(method.get("prior.range_of_motion.weight")),
+        "prior.range_of_motion.anatomy._target_" in method,
+        _positive(method.get("prior.non_penetration.weight")),
         any(target not in SQUARED_ERRORS for target in _data_terms(method)),
     )
 
@@ -73,9 +72,9 @@ def is_papers(method: Mapping[str, str], row: PaperRow) -> tuple[bool, bool]:
 
     Args:
         method: Settings by dotted name, as text.
-        row: To compare with.
+        row: Row of Table 1.
     """
-    return knowledge_of(method) == row.knowledge, _is_plain(method)
+    return knowledge_of(method) == row.knowledge, _is_unmodified(method)
 
 
 def has_papers_likelihood(method: Mapping[str, str]) -> bool:
@@ -84,13 +83,13 @@ def has_papers_likelihood(method: Mapping[str, str]) -> bool:
     Args:
         method: Settings by dotted name, as text.
     """
-    return LIKELIHOOD in _data_terms(method) and _is_plain(method)
+    return LIKELIHOOD in _data_terms(method) and _is_unmodified(method)
 
 
-def _is_plain(method: Mapping[str, str]) -> bool:
-    plain = all(term in ("SquaredError", "Staged", LIKELIHOOD) for term in _data_terms(method))
+def _is_unmodified(method: Mapping[str, str]) -> bool:
+    unmodified = all(term in ("SquaredError", "Staged", LIKELIHOOD) for term in _data_terms(method))
     weighted = any(_positive(value) for name, value in method.items() if name.endswith(".beta"))
-    return plain and not weighted
+    return unmodified and not weighted
 
 
 def _data_terms(method: Mapping[str, str]) -> list[str]:

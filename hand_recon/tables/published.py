@@ -5,7 +5,7 @@ from typing import Final
 
 ONLY_2D: Final = "2D"
 WITH_3D: Final = "2D and 3D"
-"""What methods with an asterisk in Table 2 learn from: 3D annotations of synthetic or real hands too."""
+"""Labels of the methods with an asterisk in Table 2: also 3D annotations of synthetic or real hands."""
 
 
 @dataclass(frozen=True)
@@ -13,36 +13,36 @@ class PublishedRow:
     """One row of a table, with the numbers that the paper prints."""
 
     label: str
-    """Who or what it is."""
+    """Name of the method."""
     learns_from: str
-    """Labels that it was trained with."""
+    """Labels that the method was trained with."""
     scores: dict[str, float]
-    """By name; what the paper leaves out is left out."""
+    """Scores by name; without those that the paper does not print."""
     experiment: str | None = None
-    """Name of ours that repeats it; none for what others did."""
+    """Our experiment that reproduces the row; none for other authors' methods."""
 
 
 @dataclass(frozen=True)
 class PublishedTable:
-    """A table, or the columns of one dataset in it."""
+    """A table of the paper, or the columns of one dataset in it."""
 
     key: str
-    """For machines."""
+    """Identifier in the CSV file."""
     title: str
-    """For people."""
+    """Title in reports."""
     dataset: str
-    """On which everything was measured, by its datamodule's name."""
+    """Dataset of all scores, by its datamodule's name."""
     scores: tuple[str, ...]
-    """Its columns of numbers."""
+    """Columns of numbers."""
     rows: tuple[PublishedRow, ...]
-    """From top to bottom."""
+    """Rows from top to bottom."""
 
 
 DATASETS: Final = {"freihand": "FreiHAND", "dexycb": "DexYCB", "ho3d": "HO3D"}
 """Datasets of the paper by their datamodules' names. HO3D is its version 3."""
 
 TEST_HANDS: Final = {"freihand": 3_960, "ho3d": 20_137}
-"""Size of the official test sets that are known to the hand; DexYCB's depends on which frames are dropped."""
+"""Number of hands in the official test sets; DexYCB's depends on which frames are dropped."""
 
 _METHODS: Final = (
     ("Boukhayma et al., CVPR 2019", WITH_3D),
@@ -52,7 +52,7 @@ _METHODS: Final = (
     ("Jiang et al., 2023", ONLY_2D),
     ("the paper", ONLY_2D),
 )
-"""The rows of Table 2."""
+"""Rows of Table 2: method and labels."""
 
 _COLUMNS: Final[dict[str, dict[str, tuple[float | None, ...]]]] = {
     "freihand": {
@@ -70,16 +70,16 @@ _COLUMNS: Final[dict[str, dict[str, tuple[float | None, ...]]]] = {
         "AUC_V": (None, None, 0.778, None, 0.785, 0.804),
     },
 }
-"""The columns of Table 2, from top to bottom; none for a dash."""
+"""Columns of Table 2, from top to bottom; none for a dash."""
 
 
 def _table_2(dataset: str) -> PublishedTable:
     columns = _COLUMNS[dataset]
     rows = []
-    for place, (label, learns_from) in enumerate(_METHODS):
-        known = {name: values[place] for name, values in columns.items()}
+    for position, (label, learns_from) in enumerate(_METHODS):
+        known = {name: values[position] for name, values in columns.items()}
         scores = {name: value for name, value in known.items() if value is not None}
-        own = place == len(_METHODS) - 1
+        own = position == len(_METHODS) - 1
         if scores:
             experiment = f"table2_{dataset}" if own else None
             rows.append(PublishedRow(label, learns_from, scores, experiment))
@@ -100,7 +100,7 @@ TABLE_3A: Final = PublishedTable(
         PublishedRow("the paper", ONLY_2D, {"E_J": 6.7, "E_V": 7.1}, "table3a_knowledge"),
     ),
 )  # fmt: skip
-"""A discriminator that has seen FreiHAND's 3D, and the paper's prior; both trained on DexYCB's 2D."""
+"""A discriminator trained on FreiHAND's 3D hands, and the paper's prior; both with DexYCB's 2D labels."""
 
 TABLE_3B: Final = PublishedTable(
     "3b", "Table 3 (b): shares of 3D labels, on FreiHAND", "freihand", ("E_J", "E_V", "E_RV"),
@@ -118,4 +118,4 @@ TABLE_3B: Final = PublishedTable(
         ),
     ),
 )  # fmt: skip
-"""The fully supervised model stands apart in the paper's table: it is not said to have the prior."""
+"""Shares of 3D labels; the paper does not say that the fully supervised row has the prior."""

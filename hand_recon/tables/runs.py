@@ -1,4 +1,4 @@
-"""Runs as they lie in their folders: settings, scores, and the errors of every test hand."""
+"""Reader of finished runs: settings, scores, and the errors of every test hand."""
 
 import csv
 import json
@@ -16,16 +16,16 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 SETTINGS_FILE: Final = "config.yaml"
-"""A run's resolved configuration: the first file that a run writes."""
+"""File of a run's resolved configuration, the first that a run writes."""
 METRICS_FILE: Final = "metrics.json"
-"""A run's scores: without it the run is not finished."""
+"""File of a run's scores; a run without it is not finished."""
 PER_HAND_FILE: Final = "per_hand.csv"
-"""One line per test hand: `index`, then its errors in millimetres."""
+"""File with one line per test hand: `index`, then its errors in millimetres."""
 
 
 @dataclass(frozen=True)
 class PerHand:
-    """The errors of single test hands, sorted by index, each hand once."""
+    """Errors of single test hands, sorted by index, each hand once."""
 
     index: Int[np.ndarray, " hand"]
     """Position of each hand in the test set."""
@@ -35,40 +35,40 @@ class PerHand:
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """One run that has scores."""
+    """A run that has scores."""
 
     folder: Path
-    """Where it lies."""
+    """Folder of the run."""
     name: str
-    """Of its experiment."""
+    """Name of its experiment."""
     seed: int
-    """What was drawn with."""
+    """Random seed."""
     settings: dict[str, str]
-    """Every setting by its dotted name, as text."""
+    """Settings by dotted name, as text."""
     facts: dict[str, Any]
-    """What else its `metrics.json` says, such as `data` and `test_hands`."""
+    """Other entries of its `metrics.json`, such as `data` and `test_hands`."""
     scores: dict[str, float]
-    """On the test hands; what is no finite number is left out."""
+    """Scores on the test hands; those that are not finite are left out."""
     mean_pose: dict[str, float]
-    """Of the constant hand on the same test hands; empty where there is no 3D."""
+    """Scores of the mean pose on the same test hands; empty without 3D ground truth."""
     per_hand: PerHand | None
-    """Absent where the run wrote none."""
+    """Errors of single hands; absent where the run wrote none."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A folder that is in no table, and why."""
+    """A run that is in no table, with the reason."""
 
     folder: Path
-    """Where it lies."""
+    """Folder of the run."""
     reason: str
-    """In words."""
+    """Reason, in words."""
 
 
-def default_place(output: Path) -> Path:
-    """The newest sweep that holds a finished run; without one, everything below the output folder.
+def default_folder(output: Path) -> Path:
+    """Newest sweep that holds a finished run; without one, the output folder.
 
-    Newest by name: sweeps are named by their time.
+    Sweeps are named by their time and sorted by name.
     """
     sweeps = sorted((folder for folder in output.glob("sweeps/*") if folder.is_dir()), reverse=True)
     for sweep in sweeps:
@@ -77,20 +77,20 @@ def default_place(output: Path) -> Path:
     return output
 
 
-def run_folders(places: Iterable[str | Path]) -> list[Path]:
-    """The folders of runs below some places, each once, sorted.
+def run_folders(sources: Iterable[str | Path]) -> list[Path]:
+    """Folders of runs below some folders, each once, sorted.
 
-    A run's folder holds settings or metrics; nothing below it is another run.
+    A run's folder holds settings or metrics; folders inside it are not searched.
 
     Args:
-        places: Folders, or patterns with `*`, `?` and `**`.
+        sources: Folders, or patterns with `*`, `?` and `**`.
 
     Raises:
-        FileNotFoundError: A place does not exist, or a pattern matches nothing.
+        FileNotFoundError: A folder does not exist, or a pattern matches nothing.
     """
     found: set[Path] = set()
-    for place in places:
-        for start in _matches(Path(place).expanduser()):
+    for source in sources:
+        for start in _matches(Path(source).expanduser()):
             for path, below, files in os.walk(start):
                 if SETTINGS_FILE in files or METRICS_FILE in files:
                     found.add(Path(path).absolute())
@@ -101,7 +101,7 @@ def run_folders(places: Iterable[str | Path]) -> list[Path]:
 
 
 def read_run(folder: Path) -> FinishedRun | LeftOut:
-    """Read what a run left behind, or say why it can be in no table."""
+    """Read a run's files; a run that cannot be in a table is returned with the reason."""
     if not (folder / METRICS_FILE).is_file():
         return LeftOut(folder, f"unfinished: it has no {METRICS_FILE}")
     try:
@@ -113,12 +113,14 @@ def read_run(folder: Path) -> FinishedRun | LeftOut:
         return LeftOut(folder, f"unreadable: {reason[0]}")
     if not isinstance(metrics, dict) or not _numbers(metrics.get("test")):
         return LeftOut(folder, f"its {METRICS_FILE} has no test scores")
+    if "_target_" in (config.get("prior") or {}):
+        return LeftOut(folder, "its prior has the settings of hand_recon 0.1: use that version")
     known = {**metrics, **config}
     if "name" not in known or not isinstance(known.get("seed"), int):
         return LeftOut(
             folder,
-            f"without a {SETTINGS_FILE} its seed and settings are unknown: the evaluation of a checkpoint "
-            "repeats a run that is counted already",
+            f"without a {SETTINGS_FILE} its seed and settings are unknown; it may be the evaluation of a "
+            "checkpoint whose run is counted already",
         )
     return FinishedRun(
         folder=folder,
@@ -133,7 +135,7 @@ def read_run(folder: Path) -> FinishedRun | LeftOut:
 
 
 def flattened(settings: Mapping[str, Any], above: str = "") -> dict[str, str]:
-    """Nested settings by dotted names, values as text.
+    """Flatten nested settings to dotted names, values as text.
 
     >>> flattened({"prior": {"shape": 10.0, "rules": ["a"]}, "seed": 1})
     {'prior.shape': '10.0', 'prior.rules': "['a']", 'seed': '1'}
@@ -148,16 +150,16 @@ def flattened(settings: Mapping[str, Any], above: str = "") -> dict[str, str]:
     return flat
 
 
-def _matches(place: Path) -> list[Path]:
-    if any(character in str(place) for character in "*?["):
+def _matches(source: Path) -> list[Path]:
+    if any(character in str(source) for character in "*?["):
         # Path.glob takes relative patterns only.
-        anchor = Path(place.anchor or ".")
-        matches = sorted(path for path in anchor.glob(str(place.relative_to(place.anchor))))
+        anchor = Path(source.anchor or ".")
+        matches = sorted(path for path in anchor.glob(str(source.relative_to(source.anchor))))
     else:
-        matches = [place]
+        matches = [source]
     if not matches or not all(path.exists() for path in matches):
         raise FileNotFoundError(
-            f"No run at {place}. Give runs=<folder of a sweep>, or a pattern in quotes such as "
+            f"No run at {source}. Give runs=<folder of a sweep>, or a pattern in quotes such as "
             "'runs=outputs/sweeps/*/*row4*'."
         )
     return matches
@@ -189,7 +191,7 @@ def _read_per_hand(path: Path) -> PerHand | None:
 
 
 def _numbers(scores: object) -> dict[str, float]:
-    """What of a mapping is a finite number."""
+    """Entries of a mapping that are finite numbers."""
     if not isinstance(scores, dict):
         return {}
     return {

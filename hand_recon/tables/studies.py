@@ -1,4 +1,4 @@
-"""What may stand in one table: runs that differ in nothing but the method and the seed."""
+"""Grouping of runs into studies, which differ in method and seed only, and of these into rows."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -8,24 +8,24 @@ from hand_recon.tables.paper import TABLE_1, is_papers
 from hand_recon.tables.runs import METRICS_FILE, FinishedRun, LeftOut
 
 Setting = tuple[str, str]
-"""A setting's dotted name, and its value as text."""
+"""A setting's dotted name and its value as text."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """How settings are read: by the beginning of their dotted name, up to a dot; `*` is any one part."""
+    """Roles of settings, given by prefixes of their dotted names; `*` stands for any one part."""
 
     method: tuple[str, ...]
-    """What makes a row: the prior, the data term, the supervision."""
+    """Settings that distinguish rows: prior, data term, supervision."""
     ignored: tuple[str, ...]
-    """What changes no result, or is averaged over."""
+    """Settings that change no result, or are averaged over."""
 
     def method_of(self, run: FinishedRun) -> frozenset[Setting]:
-        """The settings that make the run's row."""
+        """Settings that determine the run's row."""
         return frozenset(item for item in run.settings.items() if _begins(item[0], self.method))
 
     def study_of(self, run: FinishedRun) -> frozenset[Setting]:
-        """The settings that make the run's table: all that is neither method nor ignored."""
+        """Settings that determine the run's table: all that are neither method nor ignored."""
         apart = (*self.method, *self.ignored)
         settings = {item for item in run.settings.items() if not _begins(item[0], apart)}
         tested = {(name, str(run.facts[name])) for name in ("data", "test_hands", "landmarks") if
@@ -35,51 +35,50 @@ class Compared:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Runs of one method in one study: one row."""
+    """Runs of one method in one study, one row of a table."""
 
     name: str
-    """As the runs call it."""
+    """Name of the experiment."""
     label: str
-    """The name; with what was set otherwise, where a study has several methods of that name."""
+    """Name, with the differing settings where a study has several methods of that name."""
     method: dict[str, str]
-    """The settings that make the row."""
+    """Settings that determine the row."""
     runs: tuple[FinishedRun, ...]
-    """One per seed, by seed."""
+    """Runs, one per seed, sorted by seed."""
     in_table: bool
-    """Whether it stands for a row of Table 1."""
+    """Whether the experiment represents a row of Table 1."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """Runs that were given the same model, data and budget: one table."""
+    """Runs with the same model, data and budget, one table."""
 
     settings: dict[str, str]
-    """What its runs have in common, method apart."""
+    """Settings that its runs share, without those of the method."""
     differs: dict[str, str]
-    """Those that another study in the same report has otherwise."""
+    """Settings in which another study of the report differs."""
     experiments: tuple[Experiment, ...]
-    """Rows of Table 1 first, in its order; then others by name."""
+    """Experiments; rows of Table 1 first, in its order, then others by name."""
 
     def row(self, name: str) -> Experiment | None:
-        """The experiment that stands for a row of Table 1."""
+        """Experiment that represents a row of Table 1."""
         return next((one for one in self.experiments if one.in_table and one.name == name), None)
 
     @property
     def runs(self) -> tuple[FinishedRun, ...]:
-        """All of its runs."""
+        """All runs of the study."""
         return tuple(run for experiment in self.experiments for run in experiment.runs)
 
 
 def group(
     runs: Iterable[FinishedRun], compared: Compared
 ) -> tuple[tuple[Study, ...], tuple[LeftOut, ...]]:
-    """Sort runs into studies, and those into rows.
+    """Group runs into studies, and those into rows.
 
-    Of several runs with the same settings and seed the newest counts: seeds are averaged over, and none
-    may count twice.
+    Of several runs with the same settings and seed only the newest counts, so that no seed counts twice.
 
     Returns:
-        The studies, those with most rows of Table 1 first; and the runs that newer ones replace.
+        The studies, those with most rows of Table 1 first; and the runs that newer ones replaced.
     """
     latest: dict[tuple[object, ...], FinishedRun] = {}
     replaced = []
@@ -129,11 +128,10 @@ def _experiments(runs: Sequence[FinishedRun], compared: Compared) -> tuple[Exper
 def _standing_for(
     name: str, variants: dict[str, dict[frozenset[Setting], list[FinishedRun]]]
 ) -> frozenset[Setting] | None:
-    """Of the methods that runs of one name had, the one that stands for that row of Table 1.
+    """Method that represents a row of Table 1, of all methods whose runs have the row's name.
 
-    It has the row's knowledge and the paper's data term; of several such, it shares most settings with the
-    other rows, so that a sweep over one row's weight leaves that row with the weight that the others have;
-    then it has most seeds.
+    Preferred are, in this order: the row's knowledge; the paper's data term; most settings in common with
+    the other rows, so that in a sweep over one row's weight the row keeps the others' weight; most seeds.
     """
     row = next((row for row in TABLE_1 if row.name == name), None)
     if row is None:
@@ -145,7 +143,7 @@ def _standing_for(
 
     def merit(method: frozenset[Setting]) -> tuple[object, ...]:
         shared = sum(others[setting] for setting in method)
-        # The text last: a choice that does not depend on any order.
+        # The text last, so that ties do not depend on the order of the runs.
         return *is_papers(dict(method), row), shared, len(methods[method]), sorted(method)
 
     return max(methods, key=merit)
@@ -157,7 +155,7 @@ def _importance(study: Study) -> tuple[int, int, str]:
 
 
 def _begins(name: str, prefixes: Iterable[str]) -> bool:
-    """Whether a dotted name begins with one of some others, in which `*` is any one part."""
+    """Whether a dotted name begins with one of some prefixes, in which `*` stands for any one part."""
     parts = name.split(".")
     return any(
         len(wanted) <= len(parts)

@@ -1,4 +1,4 @@
-"""Rows of a table in numbers: means over seeds, changes from the row above, intervals over hands."""
+"""Numbers of a table: means over seeds, changes from the row above, intervals over hands."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -12,27 +12,27 @@ from hand_recon.tables.runs import FinishedRun, PerHand
 from hand_recon.tables.studies import Experiment, Study
 
 BOOTSTRAPPED: Final = ("E_J", "E_V")
-"""The errors that get an interval over hands."""
+"""Errors with an interval over hands."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A score over seeds."""
+    """Mean and standard deviation of a score over seeds."""
 
     mean: float
-    """Over seeds."""
+    """Mean over seeds."""
     sd: float | None
     """Sample standard deviation over seeds; none for one seed."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A score against that of the row above."""
+    """Change of a score from the row above."""
 
     absolute: float
     """This row minus the one above, in the score's unit."""
     percent: float | None
-    """Of the row above; none where that is zero."""
+    """The same in percent of the row above; none where that is zero."""
 
 
 @dataclass(frozen=True)
@@ -40,35 +40,35 @@ class Row:
     """One row of a table."""
 
     label: str
-    """What it is called."""
+    """Name of the row."""
     knowledge: tuple[bool, ...] | None
-    """The check marks of `hand_recon.tables.paper.KNOWLEDGE`; none where they are unknown."""
+    """Check marks of `hand_recon.tables.paper.KNOWLEDGE`; none where they are unknown."""
     paper: PaperRow | None
-    """The paper's row; none for experiments that the table does not have."""
+    """Row of the paper; none for experiments that its table does not have."""
     scores: dict[str, Spread]
-    """Empty where the row was not run."""
+    """Scores by name; empty where the row was not run."""
     seeds: tuple[int, ...] = ()
-    """That were averaged over."""
+    """Seeds that were averaged over."""
     changes: dict[str, Change] = field(default_factory=dict)
-    """From the row above; empty without one."""
+    """Changes from the row above by score; empty without one."""
     intervals: dict[str, Interval] = field(default_factory=dict)
-    """Over hands, of the mean over seeds; empty where the hands' errors are unknown."""
+    """Intervals over hands of the mean over seeds; empty where the hands' errors are unknown."""
     change_intervals: dict[str, Interval] = field(default_factory=dict)
-    """Over hands, of the change from the row above, paired hand by hand."""
+    """Intervals over hands of the change from the row above, paired hand by hand."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How many times smaller a later row's E_J is."""
+    """Ratio of an earlier row's E_J to a later row's."""
 
     rows: tuple[int, int]
-    """The earlier and the later row."""
+    """Numbers of the earlier and the later row."""
     paper: float
-    """The paper's."""
+    """Ratio in the paper."""
     ours: float
-    """Of the means over seeds."""
+    """Ratio of our means over seeds."""
     interval: Interval | None
-    """Over hands."""
+    """Interval over hands of our ratio; none where the hands' errors are unknown."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +76,15 @@ class Summary:
     """One study in numbers."""
 
     study: Study
-    """What was run."""
+    """Study that is summarised."""
     table: tuple[Row, ...]
-    """The five rows of Table 1, run or not."""
+    """The five rows of Table 1, whether run or not."""
     others: tuple[Row, ...]
-    """Every other experiment."""
+    """Rows of all other experiments."""
     mean_pose: dict[str, Spread]
-    """The constant hand on the same test hands; empty where there is no 3D."""
+    """Scores of the mean pose on the same test hands; empty without 3D ground truth."""
     ratios: tuple[Ratio, ...]
-    """Row 1 over the rows with all knowledge."""
+    """Ratios of row 1 to the rows with full knowledge."""
 
 
 def summarise(study: Study, bootstrap: Bootstrap) -> Summary:
@@ -105,7 +105,7 @@ def summarise(study: Study, bootstrap: Bootstrap) -> Summary:
         table=tuple(table),
         others=tuple(others),
         mean_pose={
-            # Of the same training hands in every run: it has no spread over seeds.
+            # Every run has the same training hands, so that there is no spread over seeds.
             name: Spread(spread.mean, None)
             for name, spread in spreads([run.mean_pose for run in study.runs]).items()
         },
@@ -114,7 +114,7 @@ def summarise(study: Study, bootstrap: Bootstrap) -> Summary:
 
 
 def spreads(scores: list[dict[str, float]]) -> dict[str, Spread]:
-    """Mean and sample standard deviation of every score that some of the runs have."""
+    """Mean and sample standard deviation of every score, over the runs that have it."""
     spread = {}
     for name in dict.fromkeys(name for one in scores for name in one):
         values = np.array([one[name] for one in scores if name in one])
@@ -132,7 +132,7 @@ def _row(
     label = f"{paper.number} {paper.title}" if paper else ""
     if experiment is None:
         return Row(label, paper.knowledge if paper else None, paper, {})
-    # A run without settings says what it knows by its name alone.
+    # The knowledge of a run without settings is known by its name alone.
     knowledge = knowledge_of(experiment.method) if experiment.method else None
     scores = spreads([run.scores for run in experiment.runs])
     before = {} if above is None else spreads([run.scores for run in above.runs])
@@ -173,14 +173,14 @@ def _intervals(
 
 
 def hand_means(name: str, *experiments: Experiment) -> Float[np.ndarray, "hand column"] | None:
-    """Every hand's error as the mean over seeds, one column per experiment.
+    """Mean error over seeds of every hand, one column per experiment.
 
     Args:
-        name: Of the error.
-        experiments: Whose hands are matched by their index: hands that some run lacks are left out.
+        name: Name of the error.
+        experiments: Experiments whose hands are matched by index; hands that some run lacks are left out.
 
     Returns:
-        None where a run has no such errors, or no hand is common to all.
+        Errors in millimetres; none where a run has no such errors, or no hand is common to all.
     """
     errors: list[list[PerHand]] = []
     for experiment in experiments:

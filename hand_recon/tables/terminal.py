@@ -1,4 +1,4 @@
-"""A comparison on the screen: tables where somebody watches, Markdown in a log or a pipe."""
+"""Printed comparison: tables on a terminal, Markdown in a file or a pipe."""
 
 import sys
 
@@ -11,11 +11,11 @@ from hand_recon.tables.text_tables import TextTable, notes, text_tables
 
 
 def show(comparison: Comparison, *, rich: bool | None = None) -> None:
-    """Print everything to standard output.
+    """Print a comparison to standard output.
 
     Args:
-        comparison: To print.
-        rich: Whether to draw tables; without it, whether standard output is a terminal.
+        comparison: Comparison to print.
+        rich: Whether to draw tables; none to draw them if standard output is a terminal.
     """
     if not (sys.stdout.isatty() if rich is None else rich):
         sys.stdout.write(markdown(comparison))
@@ -26,38 +26,41 @@ def show(comparison: Comparison, *, rich: bool | None = None) -> None:
         for heading, summary in zip(comparison.headings, comparison.summaries, strict=True)
     ]
     shown += [(one.table.title, (text_table(one),), notes_beside(one)) for one in comparison.beside]
-    for heading, tables, said in shown:
+    for heading, tables, sentences in shown:
         console.rule(f"[bold]{heading}")
         for table in tables:
             for part in narrowed(table, console.width):
                 console.print(_drawn(part))
-        for note in said:
+        for note in sentences:
             console.print(note, style="dim", markup=False)
     for one in comparison.left_out:
         console.print(f"Left out: {one.folder}: {one.reason}", style="yellow", markup=False)
 
 
 def narrowed(table: TextTable, width: int) -> list[TextTable]:
-    """The table in parts that each fit a width, its first column repeated; one part where it fits.
+    """Split a table into parts that each fit a width, with the first column repeated.
 
     Args:
-        table: To split between columns.
-        width: Of the terminal, characters.
+        table: Table to split between columns.
+        width: Width of the terminal, characters.
+
+    Returns:
+        The parts; the whole table where it fits.
     """
     columns = list(zip(table.columns, *table.rows, strict=True))
-    # A cell has a space at both sides and a line at one.
+    # A cell has a space on both sides and a line on one.
     needed = [max(len(cell) for cell in column) + 3 for column in columns]
     parts: list[list[int]] = []
-    for place in range(1, len(columns)):
+    for column in range(1, len(columns)):
         taken = sum(needed[other] for other in parts[-1]) if parts else width
-        if taken + needed[place] + 1 > width:
+        if taken + needed[column] + 1 > width:
             parts.append([0])
-        parts[-1].append(place)
+        parts[-1].append(column)
     return [
         TextTable(
             table.title,
-            tuple(table.columns[place] for place in part),
-            tuple(tuple(row[place] for place in part) for row in table.rows),
+            tuple(table.columns[column] for column in part),
+            tuple(tuple(row[column] for column in part) for row in table.rows),
         )
         for part in parts
     ]
@@ -65,8 +68,8 @@ def narrowed(table: TextTable, width: int) -> list[TextTable]:
 
 def _drawn(table: TextTable) -> Table:
     drawn = Table(title=table.title, title_justify="left", header_style="bold")
-    for place, column in enumerate(table.columns):
-        drawn.add_column(column, justify="right" if place else "left", no_wrap=place == 0)
+    for index, heading in enumerate(table.columns):
+        drawn.add_column(heading, justify="right" if index else "left", no_wrap=index == 0)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

@@ -1,4 +1,4 @@
-"""Tables as text: the same cells for the terminal, Markdown and HTML; raw numbers for CSV."""
+"""Table 1 as text for terminal, Markdown and HTML, and as unrounded numbers for CSV (Sec. 4.2)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,12 +8,13 @@ from hand_recon.tables.intervals import Interval
 from hand_recon.tables.paper import COMPARED, CONDITIONS, KNOWLEDGE
 from hand_recon.tables.studies import Study
 from hand_recon.tables.summary import BOOTSTRAPPED, Change, Row, Spread, Summary
+from hand_recon.visualization.score_names import heading
 
 ABSENT: Final = "–"
-"""What was not run or not measured."""
+"""Cell of a value that was not run or not measured."""
 
 UNITS: Final = {"E_J": "mm", "E_V": "mm", "PR": "%"}
-"""Of the scores that the paper has."""
+"""Units of the scores in the paper's Table 1."""
 
 FURTHER: Final = {
     "ROM": ("hands far outside ranges, %", 1),
@@ -26,11 +27,10 @@ FURTHER: Final = {
     "rank_sigma_noise": ("σ ranks label noise", 2),
     "rank_sigma_error": ("σ ranks error", 2),
 }
-"""Scores that the paper's table does not have: heading and decimals."""
-
+"""Scores that the paper's table does not have: heading and decimal places."""
 
 OF_SIGMA: Final = ("ECE", *(name for name in FURTHER if "sigma" in name))
-"""Scores that mean something only where σ was learnt."""
+"""Scores that have a meaning only where σ was learnt."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class TextTable:
     """A table of strings."""
 
     title: str
-    """Above it."""
+    """Title above the table."""
     columns: tuple[str, ...]
     """Headings; the first column names the rows."""
     rows: tuple[tuple[str, ...], ...]
@@ -46,13 +46,13 @@ class TextTable:
 
 
 def text_tables(summary: Summary) -> tuple[TextTable, ...]:
-    """What is shown of one study; tables of which nothing is known are left out."""
+    """Tables of one study; empty tables are left out."""
     tables = (_table_1(summary), _further(summary), _intervals(summary))
     return tuple(table for table in tables if table.rows and len(table.columns) > 1)
 
 
 def describe(study: Study) -> str:
-    """Model, data and budget of a study in one line, as far as its settings tell."""
+    """Model, data and budget of a study in one line, as far as its settings are known."""
     settings = study.settings
     encoder = settings.get("model.encoder.backbone") or settings.get("model.encoder._target_", "")
     parts = [
@@ -69,20 +69,20 @@ def describe(study: Study) -> str:
 
 
 def notes(summary: Summary) -> list[str]:
-    """What must be said below the tables."""
+    """Notes to show below the tables."""
     study = summary.study
-    said = []
+    sentences = []
     if _has_table_1(summary):
-        said.append(
-            f"The paper's numbers are on {CONDITIONS}; ours are on what was run: {describe(study)}. "
+        sentences.append(
+            f"The paper's numbers are on {CONDITIONS}; ours are on {describe(study)}. "
             "Compare the steps from row to row, not the values."
         )
-    said.append(
+    sentences.append(
         "± is the standard deviation over seeds. A change is ours, from the row above. The mean pose is one "
-        "constant hand for every picture."
+        "constant hand for every image."
     )
     if summary.ratios:
-        said.append(f"E_J falls {'; '.join(_ratio_texts(summary))}.")
+        sentences.append(f"E_J falls {'; '.join(_ratio_texts(summary))}.")
     if "E_J" in summary.mean_pose:
         floor = summary.mean_pose["E_J"].mean
         behind = [
@@ -91,23 +91,23 @@ def notes(summary: Summary) -> list[str]:
             if "E_J" in row.scores and row.scores["E_J"].mean >= floor
         ]
         if behind:
-            said.append(f"Not better than the mean pose in E_J: {', '.join(behind)}.")
+            sentences.append(f"Not better than the mean pose in E_J: {', '.join(behind)}.")
     counts = {len(row.seeds) for row in summary.table if row.seeds}
     if len(counts) > 1:
-        said.append("The rows have different numbers of seeds.")
-    said += [
-        f"Row {row.paper.number} was run with other knowledge than the paper's row has."
+        sentences.append("The rows have different numbers of seeds.")
+    sentences += [
+        f"Row {row.paper.number} was run with other knowledge than the paper's row."
         for row in summary.table
         if row.paper is not None and row.seeds and row.knowledge != row.paper.knowledge
     ]
     if study.differs:
         settings = ", ".join(f"{name}={value}" for name, value in study.differs.items())
-        said.append(f"Other studies of this report have these settings otherwise: {settings}.")
-    return said
+        sentences.append(f"Other studies of this report differ in these settings: {settings}.")
+    return sentences
 
 
 def csv_rows(summaries: Iterable[Summary]) -> list[dict[str, str | float | int | None]]:
-    """One line per study and row, numbers as they are; every line has the same columns."""
+    """CSV lines, one per study and row, with unrounded numbers; every line has the same columns."""
     lines = []
     for number, summary in enumerate(summaries, start=1):
         for row in (*summary.table, *summary.others, _mean_pose_row(summary)):
@@ -127,8 +127,8 @@ def csv_rows(summaries: Iterable[Summary]) -> list[dict[str, str | float | int |
 def _table_1(summary: Summary) -> TextTable:
     columns = ["row", *KNOWLEDGE]
     for name in COMPARED:
-        columns += [f"{name} paper", f"{name} ours, {UNITS[name]}", "change"]
-    # Where no row was run, the paper's five would stand beside runs that have nothing to do with them.
+        columns += [f"{heading(name, UNITS[name])}, paper", f"{name} ours, {UNITS[name]}", "change"]
+    # Where no row was run, the paper's five rows would be shown beside unrelated runs.
     table = summary.table if _has_table_1(summary) else ()
     rows = [
         (
@@ -152,7 +152,7 @@ def _has_table_1(summary: Summary) -> bool:
 
 
 def _further(summary: Summary) -> TextTable:
-    run = {row.label: _meant(row) for row in (*summary.table, *summary.others) if row.seeds}
+    run = {row.label: _meaningful(row) for row in (*summary.table, *summary.others) if row.seeds}
     names = [name for name in FURTHER if any(name in scores for scores in run.values())]
     rows = [
         (label, *(spread_text(scores.get(name), FURTHER[name][1]) for name in names))
@@ -162,8 +162,8 @@ def _further(summary: Summary) -> TextTable:
     return TextTable("Scores that the paper's table does not have", columns, tuple(rows))
 
 
-def _meant(row: Row) -> dict[str, Spread]:
-    """The scores without those of a σ that nothing has trained."""
+def _meaningful(row: Row) -> dict[str, Spread]:
+    """Scores of a row, without those of σ where σ was not learnt."""
     untrained = row.knowledge is not None and not row.knowledge[-1]
     return {
         name: score for name, score in row.scores.items() if not (untrained and name in OF_SIGMA)
@@ -174,7 +174,7 @@ def _intervals(summary: Summary) -> TextTable:
     rows = [row for row in (*summary.table, *summary.others) if row.intervals]
     columns = ["row"]
     for name in BOOTSTRAPPED:
-        columns += [f"{name}, mm", "change from the row above"]
+        columns += [heading(name, "mm"), "change from the row above"]
     return TextTable(
         "95 % bootstrap intervals over the test hands (means over seeds per hand; changes paired)",
         tuple(columns),
@@ -212,7 +212,7 @@ def _compared_cells(name: str, row: Row) -> tuple[str, str, str]:
 
 
 def spread_text(spread: Spread | None, decimals: int) -> str:
-    """Mean ± standard deviation.
+    """Format mean ± standard deviation.
 
     >>> spread_text(Spread(10.0, 0.5), 2), spread_text(Spread(10.0, None), 1), spread_text(None, 1)
     ('10.00 ± 0.50', '10.0', '–')
@@ -224,7 +224,7 @@ def spread_text(spread: Spread | None, decimals: int) -> str:
 
 
 def change_text(change: Change | None, decimals: int, *, points: bool) -> str:
-    """A difference with its sign; beside it its share, or the word that percentages differ by points.
+    """Format a signed change, with its percentage or, for percentages, in points.
 
     >>> change_text(Change(-5.0, -50.0), 2, points=False)
     '−5.00 (−50 %)'
@@ -240,7 +240,7 @@ def change_text(change: Change | None, decimals: int, *, points: bool) -> str:
 
 
 def interval_text(interval: Interval | None) -> str:
-    """Both ends.
+    """Format both ends of an interval.
 
     >>> interval_text(Interval(-1.25, 0.5))
     '−1.25 … 0.50'

@@ -9,10 +9,11 @@ from typing import Any
 import jinja2
 
 from hand_recon.visualization.overlay import COLUMNS
+from hand_recon.visualization.score_names import heading
 
 SCORES = {
-    "E_J": "landmarks after Procrustes alignment, mm (PA-MPJPE)",
-    "E_V": "vertices after Procrustes alignment, mm (PA-MPVPE)",
+    "E_J": "landmarks after Procrustes alignment, mm",
+    "E_V": "vertices after Procrustes alignment, mm",
     "E_RV": "vertices relative to the wrist, mm",
     "MPJPE": "landmarks relative to the wrist, mm",
     "AUC_J": "area under the PCK curve of landmarks, 0–50 mm",
@@ -66,7 +67,7 @@ def write_report(report: Report, target: Path) -> None:
     page = environment.from_string(source).render(
         report=report,
         rows=[
-            (name, SCORES.get(name, ""), report.scores[name], report.baseline.get(name))
+            (heading(name), SCORES.get(name, ""), report.scores[name], report.baseline.get(name))
             for name in names
             if name in report.scores
         ],

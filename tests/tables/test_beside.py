@@ -119,7 +119,7 @@ def test_a_run_with_the_papers_settings_stands_below_its_row_without_a_differenc
     text = (tmp_path / "out" / "table1.md").read_text()
     row = next(line for line in text.splitlines() if line.startswith("| ours, table2_freihand"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[1:] == ["2D", "8.50 ± 0.71", "9.50 ± 0.00", "2", "nothing"]
+    assert cells[1:] == ["2D", "8.50 ± 0.71", "9.50 ± 0.00", "2", "none"]
 
 
 @pytest.mark.parametrize(
