@@ -13,7 +13,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-import trimesh
 from jaxtyping import Int
 from rich.console import Console
 from rich.table import Table
@@ -168,6 +167,7 @@ def _write_mesh(
     path: Path, part: FittedHands, position: int, faces: Int[np.ndarray, "face 3"]
 ) -> None:
     # Half a second, which a fit that writes no mesh should not wait for.
+    import trimesh
 
     # Mirroring a hand turns its triangles inside out: reverse their winding.
     faces = faces[:, ::-1] if bool(part.observed.left[position]) else faces
