@@ -1,4 +1,4 @@
-"""What every test starts from: one thread, one seed, the open hand, and a reason for each skip."""
+"""Shared fixtures and settings: one thread, one seed, the open hand, and a reason for each skip."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 
 DATA = Path(os.environ.get("HAND_RECON_DATA", "data"))
-"""Where the tests of licensed files look for them."""
+"""Folder of the licensed files."""
 
 # The same examples on every machine: a failure elsewhere is a failure here. The first call of a
 # shape-checked function is slow, so there is no deadline.
@@ -22,7 +22,7 @@ torch.set_num_threads(1)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what this machine lacks the means for, and say what it lacks."""
+    """Skip tests that need a device or files that this machine lacks, with the reason."""
     if item.get_closest_marker("gpu") and not torch.cuda.is_available():
         pytest.skip("needs a CUDA device")
     if item.get_closest_marker("mano") and not (DATA / "mano" / "MANO_RIGHT.pkl").is_file():
@@ -35,7 +35,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(autouse=True)
 def _seed() -> None:
-    """No test depends on which ran before it."""
+    """Seed PyTorch before every test, so that their order does not matter."""
     torch.manual_seed(0)
 
 

@@ -12,7 +12,7 @@ from hand_recon.hand.skeleton import ARTICULATED
 from hand_recon.knowledge.functional_anatomy import VARIANTS, FunctionalAnatomy
 from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
-from tests.support.anatomy import NO_RULE, RULES, only, place, pose, round_ranges
+from tests.support.anatomy import NO_RULE, RULES, angle_index, only, pose, round_ranges
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 
@@ -30,10 +30,10 @@ def test_without_rules_the_ranges_stay(ranges: RangeOfMotion) -> None:
 @pytest.mark.parametrize("rule", RULES)
 def test_a_rule_touches_nothing_but_what_it_is_about(ranges: RangeOfMotion, rule: str) -> None:
     touched = {
-        "splay_by_bend": [place(joint, "splay") for joint in ARTICULATED if "MCP" in joint],
-        "bend_by_splay": [place(joint, "bend") for joint in ARTICULATED if "MCP" in joint],
-        "pip_by_dip": [place(joint, "bend") for joint in ARTICULATED if "PIP" in joint],
-        "thumb_cmc": [place("thumb CMC", "splay")],
+        "splay_by_bend": [angle_index(joint, "splay") for joint in ARTICULATED if "MCP" in joint],
+        "bend_by_splay": [angle_index(joint, "bend") for joint in ARTICULATED if "MCP" in joint],
+        "pip_by_dip": [angle_index(joint, "bend") for joint in ARTICULATED if "PIP" in joint],
+        "thumb_cmc": [angle_index("thumb CMC", "splay")],
     }[rule]
     touched = [where for where in touched if where[0] != ARTICULATED.index("thumb MCP")]
     refined = only(rule).refine(ranges, torch.full((15, 3), 0.15, dtype=torch.float64))
@@ -123,7 +123,9 @@ def test_no_gradient_flows_through_the_bounds(ranges: RangeOfMotion) -> None:
     range_of_motion_loss(angles, refined).backward()
     assert angles.grad is not None
     # 9 degrees where 10 · (1 − 60/80) = 2.5 are left; the bend that left them is not pulled.
-    assert float(angles.grad[place("index MCP", "splay")]) == pytest.approx(2 * math.radians(6.5))
+    assert float(angles.grad[angle_index("index MCP", "splay")]) == pytest.approx(
+        2 * math.radians(6.5)
+    )
     assert angles.grad.count_nonzero() == 1
 
 

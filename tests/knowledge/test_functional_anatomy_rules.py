@@ -9,7 +9,7 @@ import torch
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
-from tests.support.anatomy import Degrees, only, place, pose, round_ranges
+from tests.support.anatomy import Degrees, angle_index, only, pose, round_ranges
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def refined_degrees(
 ) -> tuple[float, float]:
     """The bounds of one joint and axis in a pose."""
     refined = anatomy.refine(ranges, pose(degrees))
-    where = place(joint, axis)
+    where = angle_index(joint, axis)
     return (
         round(math.degrees(refined.lower[where]), 6),
         round(math.degrees(refined.upper[where]), 6),
@@ -106,7 +106,7 @@ def test_the_released_rule_would_fire_if_a_table_let_no_dip_be_straight(
     ranges: RangeOfMotion,
 ) -> None:
     lower = ranges.lower.clone()
-    lower[place("middle DIP", "bend")] = math.radians(3)
+    lower[angle_index("middle DIP", "bend")] = math.radians(3)
     odd = RangeOfMotion(lower, ranges.upper)
     found = refined_degrees(only("pip_by_dip", "release"), odd, {}, "middle PIP", "bend")
     assert found[0] == 0

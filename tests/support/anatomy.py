@@ -1,4 +1,4 @@
-"""What the tests of Eq. 2-3 share: ranges in round numbers, poses in degrees, one rule at a time."""
+"""Ranges in round numbers, poses in degrees and single rules, for the tests of Eq. 2-3."""
 
 import math
 from dataclasses import replace
@@ -18,25 +18,26 @@ NO_RULE = FunctionalAnatomy(
 FINGER_JOINTS = {"MCP": {"bend": (-20, 80), "splay": (-30, 10)}, "PIP": {"bend": (-10, 100)}}
 
 
-def place(joint: str, axis: str) -> tuple[int, int]:
+def angle_index(joint: str, axis: str) -> tuple[int, int]:
+    """Row and column of an angle among the 15×3 joint angles."""
     return ARTICULATED.index(joint), AXES.index(axis)
 
 
 def only(rule: str, variant: str = "paper") -> FunctionalAnatomy:
-    """One rule and no other."""
+    """Functional anatomy with one rule alone."""
     return replace(NO_RULE, variant=variant, **{rule: True})
 
 
 def pose(degrees: Degrees) -> Tensor:
-    """Straight fingers but for the given angles."""
+    """Joint angles in radians, zero except for the given ones."""
     angles = torch.zeros(15, 3, dtype=torch.float64)
     for (joint, axis), value in degrees.items():
-        angles[place(joint, axis)] = math.radians(value)
+        angles[angle_index(joint, axis)] = math.radians(value)
     return angles
 
 
 def round_ranges() -> RangeOfMotion:
-    """Round numbers: MCP bend −20 to 80, splay −30 to 10; PIP −10 to 100; CMC −20 to 40, −30 to 12."""
+    """Ranges in degrees: MCP bend −20 to 80, splay −30 to 10; PIP −10 to 100; CMC −20 to 40, −30 to 12."""
     bounds = torch.zeros(2, 15, 3, dtype=torch.float64)
     for joint in ARTICULATED:
         rows = {"bend": (0, 80)}
@@ -45,6 +46,8 @@ def round_ranges() -> RangeOfMotion:
         elif not joint.startswith("thumb"):
             rows = FINGER_JOINTS.get(joint.split()[1], rows)
         for axis, ends in rows.items():
-            bounds[(slice(None), *place(joint, axis))] = torch.tensor(ends, dtype=torch.float64)
+            bounds[(slice(None), *angle_index(joint, axis))] = torch.tensor(
+                ends, dtype=torch.float64
+            )
     bounds = bounds.deg2rad()
     return RangeOfMotion(bounds[0], bounds[1])

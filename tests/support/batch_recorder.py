@@ -7,7 +7,7 @@ from hand_recon.schema import HandBatch
 
 
 class BatchRecorder(lightning.LightningModule):
-    """Learns nothing and remembers every batch it was given."""
+    """Module that learns nothing and keeps every batch of each split."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -29,6 +29,7 @@ class BatchRecorder(lightning.LightningModule):
 
 
 def trainer(epochs: int = 1) -> lightning.Trainer:
+    """A trainer on the CPU that writes and prints nothing."""
     return lightning.Trainer(
         max_epochs=epochs,
         accelerator="cpu",

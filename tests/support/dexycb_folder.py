@@ -1,4 +1,4 @@
-"""Reads and damages folders in DexYCB's layout, one file at a time and without the loader."""
+"""Functions that read and edit folders in DexYCB's layout without the loader."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,19 +10,19 @@ from hand_recon.data.dexycb.files import SUBJECTS
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of a label."""
+    """The arrays of a label file, by name."""
     with np.load(path, allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
 
 
 def label_of(root: Path, source: str) -> dict[str, np.ndarray]:
-    """The label beside a picture."""
-    picture = root / source
-    return read_npz(picture.with_name(picture.stem.replace("color", "labels") + ".npz"))
+    """The label that belongs to an image."""
+    image = root / source
+    return read_npz(image.with_name(image.stem.replace("color", "labels") + ".npz"))
 
 
 def meta_of(root: Path, source: str) -> dict[str, list[str]]:
-    """The `meta.yml` of a picture's sequence."""
+    """The `meta.yml` of an image's sequence."""
     meta: dict[str, list[str]] = yaml.safe_load(
         (root / source).parents[1].joinpath("meta.yml").read_text()
     )
@@ -30,7 +30,7 @@ def meta_of(root: Path, source: str) -> dict[str, list[str]]:
 
 
 def camera_of(root: Path, source: str) -> np.ndarray:
-    """The matrix of the camera that took a picture."""
+    """The intrinsic matrix of an image's camera."""
     serial = Path(source).parent.name
     path = root / "calibration" / "intrinsics" / f"{serial}_640x480.yml"
     numbers = yaml.safe_load(path.read_text())["color"]
@@ -48,5 +48,5 @@ def edit_labels(root: Path, change: Callable[[dict[str, np.ndarray]], None]) -> 
 
 
 def first_sequence(root: Path, subject: int, every: int = 1) -> Path:
-    """A sequence of a subject that has frames."""
+    """The folder of a subject's sequence number `every`."""
     return sorted((root / SUBJECTS[subject]).iterdir())[every]

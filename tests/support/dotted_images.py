@@ -39,34 +39,34 @@ class Dotted:
             cv2.imwrite(str(root / f"image{image}.png"), pixels)
 
     def boxes(self) -> np.ndarray:
-        """Left, top, width and height."""
+        """Left, top, width and height of each hand's box, pixels."""
         low, high = self.points.min(axis=1), self.points.max(axis=1)
         return np.concatenate([low, high - low], axis=-1)
 
     def keypoints(self, hand: int, visibility: float = 2) -> list[float]:
-        """63 numbers."""
+        """u, v and visibility of 21 landmarks, in one list."""
         column = np.full((21, 1), visibility)
         numbers: list[float] = np.concatenate([self.points[hand], column], axis=1).ravel().tolist()
         return numbers
 
     def write(self, content: Any, name: str = "landmarks.json") -> Path:  # noqa: ANN401  # any JSON
-        """JSON beside the images."""
+        """Write JSON into the folder of the images; return its path."""
         (self.root / name).write_text(json.dumps(content))
         return self.root / name
 
     def objects(self) -> list[dict[str, Any]]:
-        """The hands as a JSON list has them."""
+        """One JSON object per hand."""
         return [
             {"landmarks": points.tolist(), "image": name, "side": side}
             for points, name, side in zip(self.points, self.names, self.sides, strict=True)
         ]
 
     def as_json(self) -> Path:
-        """A JSON list of objects."""
+        """Write a JSON list with one object per hand."""
         return self.write(self.objects())
 
     def as_csv(self) -> Path:
-        """One row per hand."""
+        """Write a CSV table with one row per hand."""
         with (self.root / "landmarks.csv").open("w", newline="") as stream:
             writer = csv.writer(stream)
             columns = [f"{letter}{number}" for number in range(21) for letter in ("u", "v")]
@@ -82,7 +82,7 @@ class Dotted:
         return self.write({"images": images, "categories": categories, "annotations": annotations})
 
     def as_coco(self) -> Path:
-        """mmpose's form: one hand per annotation, with its box."""
+        """Write mmpose's form: one hand per annotation, with its box."""
         return self._coco(
             [
                 {
@@ -94,7 +94,7 @@ class Dotted:
         )  # fmt: skip
 
     def as_wholebody(self) -> Path:
-        """COCO-WholeBody's form: two hands per annotation."""
+        """Write COCO-WholeBody's form: two hands per annotation."""
         people = []
         for person in range(len(self.points) // 2):
             entry: dict[str, Any] = {"id": person, "image_id": person, "keypoints": [0] * 51}
@@ -107,7 +107,7 @@ class Dotted:
         return self._coco(people)
 
     def as_halpe(self) -> Path:
-        """Halpe's form: the 136 keypoints of a body."""
+        """Write Halpe's form: the 136 keypoints of a body."""
         people = []
         for person in range(len(self.points) // 2):
             hands = self.keypoints(2 * person) + self.keypoints(2 * person + 1)
@@ -115,7 +115,7 @@ class Dotted:
         return self._coco(people)
 
     def as_hint(self, folder: str = "pairs") -> Path:
-        """HInt's form: a image and a JSON file for each hand."""
+        """Write HInt's form: an image and a JSON file for each hand."""
         target = self.root / folder
         target.mkdir(parents=True)
         for hand, (name, side) in enumerate(zip(self.names, self.sides, strict=True)):
@@ -138,6 +138,6 @@ FORMS: Final[dict[str, Callable[[Dotted], Path]]] = {
 
 
 def assert_same_points(landmarks: LandmarkSet, dotted: Dotted) -> None:
-    """Whether a file gave the hands that were drawn."""
+    """Fail unless the landmarks and sides are those that were drawn."""
     np.testing.assert_allclose(landmarks.landmarks_2d.numpy(), dotted.points)
     assert landmarks.left.tolist() == [side == "left" for side in dotted.sides]

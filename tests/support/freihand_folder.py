@@ -1,4 +1,4 @@
-"""Writes a tiny folder in FreiHAND's layout: flat colours, one dot per landmark."""
+"""A small folder in FreiHAND's layout: flat colours, one dot per landmark."""
 
 import json
 from collections.abc import Callable
@@ -14,14 +14,14 @@ SIZE = 64
 
 @dataclass(frozen=True)
 class Folder:
-    """What was written."""
+    """A written folder with its landmarks, metres, and intrinsics."""
 
     root: Path
     landmarks: Float[np.ndarray, "hand landmark=21 3"]
     intrinsics: Float[np.ndarray, "hand 3 3"]
 
     def pixels(self) -> Float[np.ndarray, "hand landmark=21 2"]:
-        """Projections, one hand and landmark at a time."""
+        """Projected landmarks, one hand and landmark at a time."""
         uv = np.empty((*self.landmarks.shape[:2], 2))
         for hand, (points, matrix) in enumerate(zip(self.landmarks, self.intrinsics, strict=True)):
             for landmark, point in enumerate(points):
@@ -59,7 +59,7 @@ def write_folder(
 
 
 def write_json(path: Path, array: np.ndarray) -> None:
-    """A nested list, as FreiHAND stores everything."""
+    """Write an array as a nested list, as FreiHAND does."""
     path.write_text(json.dumps(array.tolist()))
 
 
@@ -71,5 +71,5 @@ def edit_json(path: Path, change: Callable[[np.ndarray], object]) -> None:
 
 
 def image_number(source: str) -> int:
-    """The number in a file's name."""
+    """The number in an image's file name."""
     return int(Path(source).stem)

@@ -1,4 +1,4 @@
-"""Writes a tiny folder in HO3D's layout: flat colours, one dot per landmark, the open hand turned about.
+"""A small folder in HO3D's layout: flat colours, one dot per landmark, the open hand in random rotations.
 
 The numbers go to HO3D's axes and order by lists written out here, not by the loader's own code.
 """
@@ -29,7 +29,7 @@ EVALUATION = {"AP10": 3, "SM1": 4}
 
 @dataclass(frozen=True)
 class Hand:
-    """One frame as a loader must give it."""
+    """Expected sample of one frame."""
 
     landmarks: Float[np.ndarray, "landmark=21 3"]
     vertices: Float[np.ndarray, "vertex 3"]
@@ -38,7 +38,7 @@ class Hand:
     mano: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     def pixels(self) -> Float[np.ndarray, "landmark=21 2"]:
-        """Projections, one landmark at a time."""
+        """Projected landmarks, one at a time."""
         rows = []
         for point in self.landmarks:
             u, v, w = self.intrinsics @ point
@@ -48,14 +48,14 @@ class Hand:
 
 @dataclass(frozen=True)
 class Folder:
-    """What was written: frames by name, in the order of the lists."""
+    """A written folder: frames by name, in the order of the lists."""
 
     root: Path
     train: dict[str, Hand] = field(default_factory=dict)
     evaluation: dict[str, Hand] = field(default_factory=dict)
 
     def meta(self, frame: str, part: str = "train") -> Path:
-        """A frame's annotation."""
+        """Path of a frame's annotation."""
         sequence, number = frame.split("/")
         return self.root / part / sequence / "meta" / f"{number}.pkl"
 
@@ -68,14 +68,14 @@ def write_folder(
     layer: ManoLayer | None = None,
     train: dict[str, int] | None = None,
 ) -> Folder:
-    """Write both parts, the truth beside, and one more frame per sequence that is not listed.
+    """Write both parts, the ground truth, and one unlisted frame per sequence.
 
     Args:
         root: The folder.
-        version: Which kind of picture.
-        truth: Whether the evaluation's ground truth is there.
-        layer: MANO, which then makes the hands.
-        train: Frames of each training sequence.
+        version: `v2` with PNG images or `v3` with JPEG images.
+        truth: Also write the ground truth of the evaluation.
+        layer: MANO's layer to make the hands with; the open hand by default.
+        train: Number of frames by training sequence.
     """
     rng = np.random.default_rng(5)
     folder = Folder(root)
@@ -94,7 +94,7 @@ def write_folder(
                 else:
                     meta = dict.fromkeys(meta) | {"camMat": intrinsics}
                 write_frame(root / part, name, hand, meta, ".jpg" if version == "v3" else ".png")
-        # Backwards: nobody may take the order of the folders for the list's.
+        # In reverse: the order of the lists is not that of the folders.
         names = list(hands)[::-1]
         (root / f"{part}.txt").write_text("\n".join(names) + "\n")
     if truth:
@@ -108,12 +108,12 @@ FLIP = np.array([1.0, -1.0, -1.0])
 
 
 def in_ho3d(landmarks: Float[np.ndarray, "landmark=21 3"]) -> Float[np.ndarray, "landmark=21 3"]:
-    """HO3D's order and axes."""
+    """Landmarks in HO3D's order and axes."""
     return landmarks[FREIHAND_TO_HO3D] * FLIP
 
 
 def meta_of(hand: Hand, training: bool) -> dict[str, object]:
-    """A frame's dictionary."""
+    """The annotation of a frame."""
     joints = in_ho3d(hand.landmarks)
     meta: dict[str, object] = {
         "objTrans": np.zeros(3), "objRot": np.zeros((3, 1)), "objName": "021_bleach_cleanser",
@@ -132,14 +132,14 @@ def meta_of(hand: Hand, training: bool) -> dict[str, object]:
 def write_frame(
     folder: Path, name: str, hand: Hand, meta: dict[str, object], suffix: str = ".jpg"
 ) -> None:
-    """A picture with a dot per landmark, and its annotation."""
+    """Write an image with a dot per landmark, and its annotation."""
     sequence, number = name.split("/")
     for kind in ("rgb", "meta"):
         (folder / sequence / kind).mkdir(parents=True, exist_ok=True)
-    picture = np.full((HEIGHT, WIDTH, 3), (90, 40, 60), dtype=np.uint8)
+    image = np.full((HEIGHT, WIDTH, 3), (90, 40, 60), dtype=np.uint8)
     for u, v in hand.pixels():
-        cv2.circle(picture, (int(u), int(v)), 1, (255, 255, 255), -1)
-    cv2.imwrite(str(folder / sequence / "rgb" / f"{number}{suffix}"), picture)
+        cv2.circle(image, (int(u), int(v)), 1, (255, 255, 255), -1)
+    cv2.imwrite(str(folder / sequence / "rgb" / f"{number}{suffix}"), image)
     path = folder / sequence / "meta" / f"{number}.pkl"
     path.write_bytes(pickle.dumps(meta, protocol=2))
 
@@ -152,7 +152,7 @@ def edit_meta(path: Path, change: Callable[[dict[str, object]], object]) -> None
 
 
 def write_json(path: Path, arrays: list[np.ndarray]) -> None:
-    """A nested list."""
+    """Write arrays as nested lists."""
     path.write_text(json.dumps([array.tolist() for array in arrays]))
 
 
@@ -171,7 +171,7 @@ def _hand(rng: np.random.Generator, intrinsics: np.ndarray, layer: ManoLayer | N
     if layer is None:
         landmarks, vertices = (part @ turn.T + place for part in _open_hand_at_rest())
     else:
-        # MANO's numbers are of OpenGL's camera, and so are its points.
+        # MANO's parameters and points are in the axes of OpenGL's camera.
         mano = rng.normal(0, 0.3, 48), rng.normal(size=10), place * FLIP
         with torch.no_grad():
             parts = (mano[0][:3], mano[0][3:], mano[1], mano[2])

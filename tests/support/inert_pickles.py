@@ -1,4 +1,4 @@
-"""Tiny pickles that would be endless if a reader went through all that they name."""
+"""Small pickles whose references expand to millions of values."""
 
 import struct
 
@@ -7,44 +7,44 @@ import numpy as np
 from tests.support.mano_file import Named, opcodes
 
 DEPTH = 22
-"""Levels of two: four million entries in a hundred bytes; a reader that goes through all fails, and ends."""
+"""Levels of nested pairs: four million entries in a hundred bytes, few enough for a failing test to end."""
 
 HASHED_DEPTH = 30
-"""Of keys, which are gone through a hundred times as fast."""
+"""Levels of nested pairs used as a key: hashing visits a hundred times as many per second."""
 
 HUGE = b"\x8b" + struct.pack("<i", 900) + 899 * b"\x01" + b"\x00"
 """A whole number of 7,200 bits, beyond any double."""
 
 
 def laughs(leaf: bytes = b"K\x01", depth: int = DEPTH) -> bytes:
-    """Tuples of two, each of the one before twice."""
+    """Nested pairs: each level holds the one below it twice."""
     levels = (b"q" + bytes([n]) + b"h" + bytes([n]) + b"\x86" for n in range(depth))
     return leaf + b"".join(levels)
 
 
 def repeated(value: bytes, times: int) -> bytes:
-    """A list that has one and the same value many times."""
+    """A list that holds one value many times."""
     return b"](" + value + b"q\xfa" + (times - 1) * b"h\xfa" + b"e"
 
 
 def entry(value: bytes, key: str = "a") -> bytes:
-    """A dictionary of that value alone."""
+    """A pickled dictionary of one entry."""
     return b"\x80\x02}(" + opcodes(key) + value + b"u."
 
 
 def dtype(code: bytes) -> bytes:
-    """`numpy.dtype` of anything."""
+    """A call of `numpy.dtype` with any argument."""
     return b"cnumpy\ndtype\n" + code + b"\x85R"
 
 
 def array(code: bytes, shape: bytes, raw: bytes) -> bytes:
-    """An array whose parts can be anything."""
+    """An array whose type, shape and data are any pickled values."""
     made = b"cnumpy.core.multiarray\n_reconstruct\n)R"
     return made + b"(K\x01" + shape + dtype(code) + b"\x89" + raw + b"tb"
 
 
 def cycle() -> bytes:
-    """A list in itself."""
+    """A list that contains itself."""
     return b"]q\x00h\x00a"
 
 
@@ -74,7 +74,7 @@ HOSTILE_VALUES: dict[str, bytes] = {
     ),
     "a list of nothing": b"](NNe",
 }
-"""What is no numbers, in the allowed names alone."""
+"""Values that are no arrays of numbers, written with allowed names only."""
 
 _KEY = laughs(depth=HASHED_DEPTH)
 
@@ -86,7 +86,7 @@ HOSTILE_PICKLES: dict[str, bytes] = {
     "a set within": b"\x80\x04}(" + opcodes("a") + b"}\x8f(" + _KEY + b"\x90\x91su.",
     "a number for a key": b"\x80\x02}K\x01Ns.",
 }
-"""What must not even be loaded."""
+"""Pickles that must be refused before they are loaded."""
 
 
 def chumpy(value: bytes) -> bytes:

@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 
 def range_of_motion_loss(angles: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Eq. 1: Σ_j max{θ_j − θ_max, θ_min − θ_j, 0}²."""
+    """Range-of-motion loss, Eq. 1: Σ_j max{θ_j − θ_max, θ_min − θ_j, 0}²."""
     flat = angles.reshape(-1, 15, 3)
     totals = []
     for hand in flat:
@@ -40,7 +40,7 @@ def winding_number(points: Array, triangles: Array) -> Array:
 
 
 def containing(vertices: Array, parts: ClosedParts) -> NDArray[np.bool_]:
-    """Which parts each vertex is inside of, among those that it can penetrate."""
+    """Mask of the parts that contain each vertex, among those that it can penetrate."""
     points = np.concatenate([vertices, parts.centres @ vertices])
     inside = np.zeros_like(parts.opponents)
     for part, faces in enumerate(parts.faces):
@@ -50,7 +50,7 @@ def containing(vertices: Array, parts: ClosedParts) -> NDArray[np.bool_]:
 
 
 def depths(vertices: Array, parts: ClosedParts, geodesics: Array, near: float) -> Array:
-    """d(v) of the vertices that are inside, zero of the others."""
+    """Depth d(v) of the vertices inside another part, metres; zero for the others."""
     result = np.zeros(len(vertices))
     inside = containing(vertices, parts)
     for vertex, part in np.argwhere(inside):

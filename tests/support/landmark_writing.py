@@ -1,4 +1,4 @@
-"""Hands and how they are written into files, for the tests of landmark files."""
+"""Random landmarks of three hands, and functions that write them as JSON, CSV and COCO."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Counts what is held at once, on any device."""
+"""The size of the largest tensor that a piece of code makes."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 
 class LargestTensor(TorchDispatchMode):
-    """Notes the most numbers of any tensor that is made under it."""
+    """Context that records the number of elements of the largest tensor made in it."""
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
@@ -20,7 +20,7 @@ class LargestTensor(TorchDispatchMode):
         args: tuple[object, ...] = (),
         kwargs: dict[str, object] | None = None,
     ) -> object:
-        """Run an operation and look at what it made."""
+        """Run an operation and record the size of its result."""
         result = func(*args, **(kwargs or {}))
         if isinstance(result, Tensor):
             self.numbers = max(self.numbers, result.numel())

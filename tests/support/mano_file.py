@@ -1,4 +1,4 @@
-"""Writes MANO's files in form, and of MANO's content nothing: the open hand in MANO's numbering.
+"""Files in MANO's format without MANO's content: the open hand in MANO's numbering.
 
 The pickle is written opcode by opcode as Python 2 wrote the original's (protocol 2, chumpy and old scipy by
 name), so that neither is needed. The template is the open hand with flat, spread fingers; blend shapes and
@@ -21,13 +21,13 @@ from hand_recon.hand.open_hand import load_open_hand, open_hand
 from hand_recon.hand.skeleton import ARTICULATED, PARENTS, TIPS
 
 WRIST = np.array([0.09, 0.006, 0.006])
-"""Where the right hand's wrist is at rest, metres: about where MANO has it, not at the origin."""
+"""Wrist of the right hand at rest, metres: near MANO's, not at the origin."""
 
 AZIMUTHS = {"index": 3.9, "middle": -10.2, "ring": -10.2, "little": -36.3}
 """Directions of MANO's proximal phalanges at rest from −x towards the thumb, degrees."""
 
 TIP_IDS = ((744, 745), (320, 333, 317), (443, 444, 445), (555, 554, 556), (672, 671, 673))
-"""Vertices that some dataset takes for a fingertip, thumb first; FreiHAND's first."""
+"""Vertices that datasets take for each fingertip, thumb first and FreiHAND's choice first."""
 
 RING_IDS = (108, 79, 78, 121, 214, 215, 279, 239, 234, 92, 38, 122, 118, 117, 119, 120)
 """MANO's vertices around the open wrist, in the order of a cap."""
@@ -37,7 +37,7 @@ ANGLE_MIRROR = np.tile([1.0, -1.0, -1.0], 15)
 
 
 class Named:
-    """An object of a class that is not here: its name, and its state."""
+    """Name and state of an object whose class is not installed."""
 
     def __init__(self, name: str, state: Mapping[str, object]) -> None:
         self.name = name
@@ -48,12 +48,12 @@ def write_mano_pickle(path: Path, side: str = "right", seed: int = 0) -> dict[st
     """Write a pickle in the form of MANO_RIGHT.pkl or MANO_LEFT.pkl.
 
     Args:
-        path: Where.
-        side: Which hand.
-        seed: Of the blend shapes and pose components: another seed is another hand.
+        path: Path of the pickle.
+        side: `right` or `left`.
+        seed: Seed of the blend shapes and pose components.
 
     Returns:
-        What a loader must find, by MANO's names.
+        The arrays that a loader must find, by MANO's names.
     """
     arrays = mano_arrays(side, seed)
     path.write_bytes(mano_pickle(arrays))
@@ -61,7 +61,7 @@ def write_mano_pickle(path: Path, side: str = "right", seed: int = 0) -> dict[st
 
 
 def write_mano_folder(folder: Path, seed: int = 0) -> Path:
-    """Both hands, converted: what `hand=mano` reads."""
+    """Write both hands converted, as `hand=mano` reads them."""
     folder.mkdir(parents=True, exist_ok=True)
     for side in ("right", "left"):
         pickled = folder / f"MANO_{side.upper()}.pkl"
@@ -72,7 +72,7 @@ def write_mano_folder(folder: Path, seed: int = 0) -> Path:
 
 
 def mano_arrays(side: str = "right", seed: int = 0) -> dict[str, np.ndarray]:
-    """The arrays of a hand, by MANO's names; all of them are copies."""
+    """Copies of a hand's arrays, by MANO's names."""
     right = _right_hand(seed)
     arrays = {key: array.copy() for key, array in right.items()}
     if side == "left":
@@ -87,7 +87,7 @@ def mano_arrays(side: str = "right", seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def mano_pickle(arrays: dict[str, np.ndarray]) -> bytes:
-    """The pickle of a hand, with the classes that MANO's has."""
+    """A hand as a pickle with the classes of MANO's."""
     shapes = arrays["shapedirs"]
     # As in the original: 20 directions are stored, and an object that is called selects ten of them.
     spare = np.random.default_rng(9).normal(size=shapes.shape)
@@ -111,7 +111,7 @@ def mano_pickle(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def opcodes(value: object) -> bytes:
-    """A value in protocol 2 as Python 2 pickled it."""
+    """A value in pickle protocol 2, as Python 2 writes it."""
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, Named):
@@ -213,7 +213,7 @@ def _spread_hand() -> tuple[Float[np.ndarray, "vertex 3"], Float[np.ndarray, "jo
 
 @cache
 def _manos_numbering() -> np.ndarray:
-    """Which of the open hand's vertices stands at each of MANO's numbers."""
+    """Index of the open hand's vertex for each of MANO's numbers."""
     asset = load_open_hand()
     vertices = asset.template.numpy()
     order = np.full(778, -1)
@@ -229,7 +229,7 @@ def _manos_numbering() -> np.ndarray:
 def _regressor(
     template: Float[np.ndarray, "vertex 3"], joints: Float[np.ndarray, "joint 3"]
 ) -> Float[np.ndarray, "joint vertex"]:
-    """Weights of the nearest 40 vertices that sum to one and hit each joint, as even as can be."""
+    """Least-norm weights of the nearest 40 vertices that sum to one and reproduce each joint."""
     regressor = np.zeros((len(joints), len(template)))
     for joint, centre in enumerate(joints):
         nearest = np.argsort(np.linalg.norm(template - centre, axis=1))[:40]

@@ -1,4 +1,4 @@
-"""MANO written out from its paper's formulas, one vertex and one joint at a time, on the pickle's arrays."""
+"""MANO by the formulas of its paper, one vertex and one joint at a time, from the pickle's arrays."""
 
 import numpy as np
 from jaxtyping import Float

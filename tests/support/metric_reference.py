@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 
 def align_official(truth: Array, prediction: Array) -> Array:
-    """The benchmarks' Procrustes alignment of one hand, by SciPy."""
+    """Procrustes alignment of one hand as the benchmarks' scripts do it, by SciPy."""
     truth_centre, prediction_centre = truth.mean(axis=0), prediction.mean(axis=0)
     truth_norm = np.linalg.norm(truth - truth_centre) + 1e-8
     prediction_norm = np.linalg.norm(prediction - prediction_centre) + 1e-8

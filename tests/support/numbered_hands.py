@@ -6,7 +6,7 @@ from hand_recon.schema import HandSample
 
 
 class NumberedHands:
-    """Hands whose picture is their own number."""
+    """Dataset of hands whose image has their index as its only grey value."""
 
     def __init__(self, count: int, with_3d: bool = True) -> None:
         self.count = count

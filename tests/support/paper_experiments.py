@@ -8,4 +8,4 @@ PAPER_EXPERIMENTS = {
     for row in table.rows
     if row.experiment is not None
 }
-"""Experiments of Tables 2 and 3, and on what the paper measured them."""
+"""Dataset of the paper by experiment of Tables 2 and 3."""

@@ -1,4 +1,4 @@
-"""True hands before a camera, and predictions of them that are as wrong as one likes."""
+"""Ground-truth hands before a camera, and predictions with known errors."""
 
 import json
 from collections.abc import Callable
@@ -15,16 +15,18 @@ from tests.support.views import known_hands
 
 
 def true_hands(hand: HandModel, count: int, seed: int = 0) -> HandPoints:
-    """Possible poses in any view, half a metre to a metre away, in this project's form."""
+    """Possible poses in any view, half a metre to a metre away, in this project's order, axes and unit."""
     torch.manual_seed(seed)
-    place = torch.tensor([0.0, 0.0, 0.7]) + torch.tensor([0.1, 0.08, 0.1]) * torch.randn(count, 3)
+    translation = torch.tensor([0.0, 0.0, 0.7]) + torch.tensor([0.1, 0.08, 0.1]) * torch.randn(
+        count, 3
+    )
     with torch.no_grad():
-        posed = hand.to_camera(replace(known_hands(hand, count), translation=place))
+        posed = hand.to_camera(replace(known_hands(hand, count), translation=translation))
     return HandPoints(posed.landmarks.double(), posed.vertices.double())
 
 
 def noisy(points: HandPoints, metres: float) -> HandPoints:
-    """With an error of this standard deviation on every coordinate."""
+    """Points with Gaussian noise of this standard deviation, metres, on every coordinate."""
     return changed(points, lambda some: some + metres * torch.randn_like(some))
 
 
@@ -33,7 +35,7 @@ def changed(
     landmarks: Callable[[torch.Tensor], torch.Tensor],
     vertices: Callable[[torch.Tensor], torch.Tensor] | None = None,
 ) -> HandPoints:
-    """Landmarks and, unless otherwise said, vertices changed alike."""
+    """Points with a function applied to the landmarks and, by default, to the vertices."""
     surface = points.vertices
     return HandPoints(
         landmarks(points.landmarks), None if surface is None else (vertices or landmarks)(surface)
@@ -41,7 +43,7 @@ def changed(
 
 
 def write_ground_truth(folder: Path, ground_truth: HandPoints, protocol: Protocol) -> None:
-    """`evaluation_xyz.json` and `evaluation_verts.json` in the protocol's form."""
+    """Write `evaluation_xyz.json` and `evaluation_verts.json` in the protocol's form."""
     folder.mkdir(parents=True, exist_ok=True)
     points = protocol.from_internal(ground_truth)
     (folder / "evaluation_xyz.json").write_text(json.dumps(points.landmarks.tolist()))
@@ -50,5 +52,5 @@ def write_ground_truth(folder: Path, ground_truth: HandPoints, protocol: Protoco
 
 
 def mistakes(findings: tuple[Finding, ...]) -> list[str]:
-    """The kinds of what is more than a note."""
+    """Kinds of the findings that are more than a note."""
     return [finding.kind for finding in findings if finding.confidence != "note"]

@@ -1,4 +1,4 @@
-"""Folders of finished runs with known scores, and the report that is asked of them."""
+"""Folders of finished runs with known scores, and the configuration of a report on them."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ def write_run(
     test: dict[str, float],
     per_hand: list[float] | None = None,
 ) -> Path:
-    """A run's folder as `finish_run` leaves it."""
+    """Write a run's folder as `finish_run` does."""
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     metrics = {

@@ -1,4 +1,4 @@
-"""Overrides that make a training run short, and the warnings of Lightning that such runs give."""
+"""Overrides for a short training run, and the warnings of Lightning that it causes."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""How closely numbers must agree: one table, so that no test chooses its own."""
+"""Tolerances by precision, in one table for all tests."""
 
 from typing import Final
 
@@ -11,10 +11,10 @@ TOLERANCE: Final[dict[torch.dtype, tuple[float, float]]] = {
 """Relative and absolute tolerance by precision: about a hundred roundings of a number near one."""
 
 BATCH_SHAPES: Final[list[tuple[int, ...]]] = [(), (4,), (2, 3)]
-"""One hand, a batch, a batch of sequences: what every `*batch` must serve."""
+"""Leading axes that every `*batch` must accept: one hand, a batch, a batch of sequences."""
 
 
 def assert_close(actual: torch.Tensor, expected: torch.Tensor) -> None:
-    """Two tensors agree within the tolerance of the less precise one, in the same shape."""
+    """Fail unless two tensors agree within the tolerance of the less precise one, in the same shape."""
     rtol, atol = max(TOLERANCE[actual.dtype], TOLERANCE[expected.dtype])
     torch.testing.assert_close(actual, expected, rtol=rtol, atol=atol, check_dtype=False)

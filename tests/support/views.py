@@ -1,4 +1,4 @@
-"""Known hands before a known camera, and their landmarks: what fits, lifters and losses are tried on."""
+"""Known hands before a known camera, with exact landmarks, for the tests of fits, lifters and losses."""
 
 import torch
 
@@ -11,7 +11,7 @@ from hand_recon.schema import HandBatch, HandParameters
 
 
 def possible_angles(ranges: RangeOfMotion, count: int) -> torch.Tensor:
-    """Poses well inside the ranges, in fists and open hands alike, that functional anatomy allows."""
+    """Joint angles inside the ranges, from fists to open hands, that functional anatomy allows."""
     share = 0.15 + 0.5 * torch.rand(count, 15, 3)
     angles = ranges.lower + share * (ranges.upper - ranges.lower)
     angles[..., AXES.index("splay")] *= 0.2
@@ -22,18 +22,18 @@ def possible_angles(ranges: RangeOfMotion, count: int) -> torch.Tensor:
 
 
 def known_hands(hand: HandModel, count: int) -> HandParameters:
-    """Any view of possible poses of hands of all forms, half a metre away."""
+    """Hands of random possible pose, shape and rotation, half a metre away."""
     ranges = load_ranges("literature", hand.rest_angles)
     rotation = torch.linalg.qr(torch.randn(count, 3, 3)).Q
     rotation = rotation * torch.linalg.det(rotation).sign()[:, None, None]
-    place = torch.tensor([0.0, 0.0, 0.5]) + 0.02 * torch.randn(count, 3)
+    translation = torch.tensor([0.0, 0.0, 0.5]) + 0.02 * torch.randn(count, 3)
     return HandParameters(
-        possible_angles(ranges, count), 0.5 * torch.randn(count, 10), rotation, place
+        possible_angles(ranges, count), 0.5 * torch.randn(count, 10), rotation, translation
     )
 
 
 def views(hand: HandModel, parameters: HandParameters, *, focal: float = 500.0) -> HandBatch:
-    """Exact landmarks of hands in crops of 224 pixels, with the truth and no pictures."""
+    """Batch of exact landmarks in crops of 224 pixels, with 3D ground truth and without images."""
     count = len(parameters.translation)
     with torch.no_grad():
         posed = hand.to_camera(parameters)

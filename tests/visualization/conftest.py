@@ -14,10 +14,10 @@ from hand_recon.schema import HandBatch, HandParameters, HandPrediction
 def scene(hand: HandModel) -> tuple[HandBatch, HandPrediction]:
     """Two grey crops of 64 px with a hand predicted in the middle of each."""
     rotation = torch.tensor([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]).expand(2, 3, 3)
-    place = torch.tensor([0.0, 0.0, 0.6]).expand(2, 3)
-    parameters = HandParameters(torch.zeros(2, 15, 3), torch.zeros(2, 10), rotation, place)
+    translation = torch.tensor([0.0, 0.0, 0.6]).expand(2, 3)
+    parameters = HandParameters(torch.zeros(2, 15, 3), torch.zeros(2, 10), rotation, translation)
     posed = hand.to_camera(parameters)
-    camera = default_intrinsics(64, place).expand(2, 3, 3)
+    camera = default_intrinsics(64, translation).expand(2, 3, 3)
     pixels = project(posed.landmarks, camera)
     labels, labelled = pixels.clone(), torch.ones(2, 21, dtype=torch.bool)
     labels[1, 4:], labelled[1, 4:] = float("nan"), False
