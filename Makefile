@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env train smoke lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
+.PHONY: help env example train smoke lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -19,6 +19,9 @@ help:  ## Show this list.
 	@echo 'ARGS passes words on: make train ARGS="+experiment=ablation_row3", make test ARGS="-k camera".'
 
 env: $(STAMP)  ## Make the environment: the exact locked packages, verified by hash.
+
+example: $(STAMP)  ## Fit the six hands of examples/hands.json; the pictures are in outputs/fit.
+	$(BIN)/hand-recon fit examples/hands.json $(ARGS)
 
 train: $(STAMP)  ## Train the default model, evaluate it and draw it; ARGS are Hydra overrides.
 	$(BIN)/python -m hand_recon.train $(ARGS)

@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from hand_recon.data.landmarks.files import read_landmarks
     from hand_recon.evaluation.calibration import Calibration
     from hand_recon.evaluation.landmarks_2d import Landmarks2D
     from hand_recon.evaluation.metrics import HandMetrics
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [  # noqa: RUF022  # by what people do
-    "fit_landmarks", "read_hands",
+    "fit_landmarks", "read_landmarks", "read_hands",
     "open_hand", "HandParameters",
     "Prior", "range_of_motion_loss", "load_ranges", "FunctionalAnatomy", "NonPenetration",
     "HandMetrics", "HandPoints", "Landmarks2D", "Plausibility", "Calibration",
@@ -49,6 +50,7 @@ _MODULES: Final = {
     "open_hand": "hand.open_hand",
     "range_of_motion_loss": "knowledge.range_of_motion",
     "read_hands": "fitting.hands_file",
+    "read_landmarks": "data.landmarks.files",
 }
 """Module of each public name: importing the package alone must not import torch."""
 

@@ -1,5 +1,6 @@
 """From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
 
+import importlib.util
 import multiprocessing
 import os
 from collections.abc import Iterator, Mapping
@@ -149,6 +150,20 @@ def configure_process(threads: int | None) -> int:
     count = threads or len(usable(0))
     torch.set_num_threads(count)
     return count
+
+
+def check_extra(*modules: str) -> None:
+    """Check that the packages of the extra `train` are installed, before anything is computed.
+
+    Raises:
+        ModuleNotFoundError: One of them is not.
+    """
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ModuleNotFoundError(
+            f"Training, reports and figures need {', '.join(missing)}, which is not installed. "
+            "Install the extra: pip install 'hand_recon[train]', or in a checkout `make env`."
+        )
 
 
 def plain(config: DictConfig) -> dict[str, Any]:

@@ -119,7 +119,8 @@ def fit_landmarks(
     """Fit 3D hands to 2D landmarks with knowledge of hands and a likelihood (Sec. 3.2-3.4).
 
     Args:
-        points: 21 landmarks per hand in the order of MediaPipe, OpenPose and FreiHAND, pixels of the image
+        points: What `hand_recon.read_landmarks` read from a file, which then says the rest; or 21 landmarks
+            per hand in the order of MediaPipe, OpenPose and FreiHAND, pixels of the image
             (pixel i covers [i, i + 1)): hand × 21 × 2, or 21 × 2 for one hand. NaN where one is missing.
         side: `right` or `left`, one for all hands or one per hand.
         intrinsics: Camera matrix, pixels: 3 × 3, or one per hand; none for an assumed camera of 500 px on a
@@ -131,7 +132,10 @@ def fit_landmarks(
     Raises:
         ValueError: Shapes, sides or confidences are not as above.
     """
-    landmarks = _landmark_set(points, side, intrinsics, confidence)
+    if isinstance(points, LandmarkSet):
+        landmarks = points
+    else:
+        landmarks = _landmark_set(points, side, intrinsics, confidence)
     if images is not None:
         files = tuple(None if one is None else Path(one) for one in images)
         landmarks = replace(landmarks, images=files)

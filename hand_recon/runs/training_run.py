@@ -28,6 +28,7 @@ def train(config: DictConfig) -> dict[str, Any]:
     Returns:
         What `metrics.json` holds.
     """
+    check_extra("tensorboard", "matplotlib", "jinja2")
     lightning.seed_everything(config.seed, workers=True, verbose=False)
     quiet_libraries()
     threads = configure_process(config.threads)
