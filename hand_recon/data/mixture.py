@@ -67,7 +67,7 @@ class MixedHands:
 
     def _completed(self, sample: HandSample) -> HandSample:
         if sample.intrinsics is None:
-            # Without an image, a crop is of the reference size.
+            # A sample without an image (size 0) gets no camera.
             size = sample.image.shape[-1]
             if size:
                 camera = default_intrinsics(size, sample.landmarks_2d)

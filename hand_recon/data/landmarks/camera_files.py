@@ -16,7 +16,7 @@ def read_intrinsics(path: Path, hands: int) -> Float[np.ndarray, "hand 3 3"]:
     Args:
         path: JSON with one 3×3 matrix or a list of them (FreiHAND's `training_K.json`), text with nine
             numbers per matrix, or `.npy`.
-        hands: How many are needed; a single matrix serves all.
+        hands: Number of hands; a single matrix is used for all.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -47,7 +47,7 @@ def to_camera_matrices(path: Path, values: object) -> Float[np.ndarray, "camera 
     """One 3×3 matrix or a list of them, checked.
 
     Args:
-        path: Where they are from, for messages.
+        path: Their file, for messages.
         values: Nested lists or an array.
 
     Raises:

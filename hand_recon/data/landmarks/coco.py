@@ -5,8 +5,8 @@ Annotation files and lists of results are read alike. COCO-WholeBody keeps hands
 135 of 136. mmpose's files of OneHand10K, Panoptic and RHD have one hand per annotation. All of them are in
 FreiHAND's order but RHD's own, which goes from tip to base.
 
-The third value of a keypoint is COCO's visibility (0, 1, 2) or a score; 0 is a keypoint that is not there.
-In a file that tells them apart, 1 is a keypoint that is labelled but cannot be seen.
+The third value of a keypoint is COCO's visibility (0, 1, 2) or a score; 0 is a missing keypoint.
+In a file that uses 2 as well, 1 is a keypoint that is labelled but cannot be seen.
 """
 
 import logging
@@ -24,15 +24,15 @@ LENGTH: Final = 63
 """Numbers of a hand: u, v and visibility of 21 keypoints."""
 
 KEYS: Final = {"keypoints": None, "lefthand_kpts": "left", "righthand_kpts": "right"}
-"""Where an annotation keeps hands, and which side they then are."""
+"""Keys of an annotation that hold hands, and the side that each key implies."""
 
 BOXES: Final = {
     "keypoints": "bbox", "lefthand_kpts": "lefthand_box", "righthand_kpts": "righthand_box",
 }  # fmt: skip
-"""Where the box of each is: left, top, width and height."""
+"""Key of the box for each of `KEYS`: left, top, width and height."""
 
 WHOLE_BODIES: Final = {3 * 133: 91, 3 * 136: 94}
-"""Numbers of all keypoints of a body → its left hand's first keypoint; the right hand follows the left."""
+"""Length of a body's keypoint list → index of its left hand's first keypoint; the right hand follows."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class _Hand:
 
 
 def is_coco(content: object) -> bool:
-    """Whether JSON is an annotation file of COCO or a list of results."""
+    """True if JSON content is an annotation file of COCO or a list of results."""
     if isinstance(content, dict):
         return isinstance(content.get("annotations"), list)
     return (
@@ -93,13 +93,13 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
         names=[hand.name for hand in hands],
         images=[hand.image for hand in hands],
         boxes=boxes,
-        # Many files know only that a keypoint is there, and call it 1.
+        # Many files only mark that a keypoint is there, by 1.
         occluded=score == 1 if _are_visibilities(score) and (score == 2).any() else None,
     )  # fmt: skip
 
 
 def _image(images: dict[Any, Any], identity: object) -> str | None:
-    """An image's file; lists of results, such as AlphaPose's, have its name in the place of a number."""
+    """File name of an image; lists of results such as AlphaPose's have the name instead of a number."""
     named = images.get(identity, identity if isinstance(identity, str) else None)
     return None if named is None else str(named)
 
@@ -116,7 +116,7 @@ def _hands_of(
         if not numbers or not annotation.get(f"{key.removesuffix('_kpts')}_valid", True):
             continue
         if side is None and len(numbers) != LENGTH and any(annotation.get(k) for k in _HAND_KEYS):
-            # The body's keypoints, in COCO-WholeBody.
+            # In COCO-WholeBody, `keypoints` are those of the body.
             continue
         if side is None and len(numbers) in WHOLE_BODIES:
             hands += _hands_of_body(numbers, called, image)
@@ -139,7 +139,7 @@ _HAND_KEYS: Final = tuple(key for key, side in KEYS.items() if side is not None)
 
 
 def _hands_of_body(numbers: list[Any], called: str, image: str | None) -> list[_Hand]:
-    """The hands among the keypoints of a body, if any of theirs is there; a body's box is no hand's."""
+    """Hands with at least one keypoint among the keypoints of a body; the body's box is not used."""
     start = 3 * WHOLE_BODIES[len(numbers)]
     found = {
         "left": numbers[start : start + LENGTH],
@@ -153,25 +153,25 @@ def _hands_of_body(numbers: list[Any], called: str, image: str | None) -> list[_
 
 
 def _flat(numbers: Any) -> list[Any]:  # noqa: ANN401  # any JSON
-    """Keypoints as one list, though some write one list per keypoint."""
+    """Keypoints as one flat list; some files have one list per keypoint."""
     if isinstance(numbers, list) and numbers and all(isinstance(row, list) for row in numbers):
         return [number for row in numbers for number in row]
     return numbers or []
 
 
 def _boxes(hands: list[_Hand]) -> np.ndarray | None:
-    """Left, top, right and bottom; NaN for hands without."""
+    """Left, top, right and bottom, pixels; NaN for hands without a box."""
     if all(hand.box is None for hand in hands):
         return None
     rows = [hand.box or [None] * 4 for hand in hands]
     boxes = np.array(rows, dtype=np.float64).reshape(len(hands), 4)
-    # A box of no size stays one: it stands for no box.
+    # A box of zero size, which stands for no box, keeps zero size.
     boxes[:, 2:] += boxes[:, :2]
     return boxes
 
 
 def _side(where: str, annotation: dict[str, Any], category: str) -> str | None:
-    """What the annotation says, else what its category's name says."""
+    """Side from the annotation, else from its category's name."""
     told = read_side(where, annotation.get("side", annotation.get("handedness")))
     named = [side for side in ("left", "right") if side in category.lower()]
     return told or (named[0] if len(named) == 1 else None)
@@ -182,7 +182,7 @@ def _are_visibilities(score: np.ndarray) -> bool:
 
 
 def _confidence(path: Path, score: np.ndarray) -> np.ndarray | None:
-    """Scores from 0 to 1; none where the numbers are visibilities, which say nothing of precision."""
+    """Scores from 0 to 1; None where the numbers are visibilities, which say nothing about precision."""
     if _are_visibilities(score):
         return None
     if (score > 1).any():

@@ -1,7 +1,6 @@
-"""From landmarks of whole images to the crops that are fitted, all right hands, and back (Sec. 4.1).
+"""Converts landmarks of whole images to crops of right hands, and predictions back (Sec. 4.1).
 
-The same squares, matrices and cameras as `hand_recon.data.crop` makes for images, for any number of hands
-at once.
+Batched form of `hand_recon.data.crop`, with the same squares, matrices and cameras.
 """
 
 from dataclasses import dataclass
@@ -23,22 +22,22 @@ from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPre
 
 @dataclass(frozen=True)
 class LandmarkCrops:
-    """Crops without images of `REFERENCE_SIZE` pixels, and the way back to the images."""
+    """Crops of `REFERENCE_SIZE` pixels without image data, and the matrices that made them."""
 
     batch: HandBatch
-    """What a regressor or a fit takes; `label_noise` is the labels' σ in pixels of the crop."""
+    """Input of a regressor or a fit; `label_noise` is the labels' σ in pixels of the crop."""
     matrices: Float[Tensor, "hand 3 3"]
-    """Pixels of the image → pixels of the crop, double precision; left hands are mirrored by them."""
+    """Matrices from image pixels to crop pixels, double precision; they mirror left hands."""
     mirrored: Bool[Tensor, " hand"]
-    """Which hands are left ones, seen in a mirror."""
+    """True for left hands, which are mirrored."""
 
 
 def to_crops(landmarks: LandmarkSet, expansion: float = 1.5) -> LandmarkCrops:
     """Cut a square about each hand's labelled landmarks.
 
-    Where fewer than two landmarks are labelled, or all coincide, there is no box: the crop is taken about
-    what there is at the image's own resolution, so that the other hands keep their places in the batch
-    (`LandmarkSet.usable` says which these are).
+    Where fewer than two landmarks are labelled, or all coincide, there is no box: the crop is centred on
+    the labelled landmark at the image's own resolution, so that the other hands keep their positions in the
+    batch (`LandmarkSet.usable` is False for such hands).
 
     Args:
         landmarks: Hands of any image size; left ones are mirrored.
@@ -79,16 +78,16 @@ def _crop_matrices(landmarks: LandmarkSet, expansion: float) -> Float[Tensor, "h
 
 
 def uncrop_prediction(crops: LandmarkCrops, prediction: HandPrediction) -> HandPrediction:
-    """What was found in the crops, in the images: left hands are left again.
+    """Convert predictions from crops to images; mirrored left hands become left hands again.
 
     3D points are in the camera's frame of the unmirrored image. The camera matrix, the projections and σ are
-    in pixels of the image; `project(landmarks_3d, intrinsics)` are the projections still. Joint angles and
+    in pixels of the image; `project(landmarks_3d, intrinsics)` still gives the projections. Joint angles and
     shape mean the same for a left hand as for the right one that it mirrors; rotation and translation are
-    those of a left hand's model, which is the right one's with x → −x. Everything comes on the CPU.
+    those of a left hand's model, which is the right one's with x → −x. All tensors are on the CPU.
 
     Args:
-        crops: What was fitted.
-        prediction: One per hand of these crops.
+        crops: Crops that were fitted.
+        prediction: Predictions, one per hand of these crops.
     """
     mirrored, matrices = crops.mirrored, crops.matrices
     found = prediction.to("cpu").detach()
@@ -96,7 +95,7 @@ def uncrop_prediction(crops: LandmarkCrops, prediction: HandPrediction) -> HandP
     kept = found.parameters
     rotation = mirror_camera(kept.root_rotation, mirrored)
     rotation = mirror_camera(rotation.mT, mirrored).mT
-    # One scale for both axes: the determinant's sign only tells left from right.
+    # Both axes have the same scale; the determinant is negative for mirrored hands.
     log_scale = torch.linalg.det(matrices[:, :2, :2]).abs().log() / 2
     intrinsics = mirror_camera(back @ found.intrinsics.double(), mirrored)
     correlation = found.correlation

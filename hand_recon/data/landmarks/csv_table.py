@@ -3,7 +3,7 @@
 One row per hand: columns `u0, v0, …, u20, v20`, and for every landmark also `c0 …` (a third value as in
 JSON), `confidence0 …` or `sigma0 …`, if wanted. One row per landmark: `hand, landmark, u, v`, and
 `confidence` or `sigma`, if wanted; the landmark by its number or by its name in
-`hand_recon.hand.skeleton.LANDMARKS`, those without a row are missing. Either may have `side`, `name` and
+`hand_recon.hand.skeleton.LANDMARKS`, landmarks without a row are missing. Either may have `side`, `name` and
 `image`. An empty cell is a missing number. Columns are separated by commas, semicolons or tabs.
 """
 
@@ -124,7 +124,7 @@ def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
 
 
 def _landmarks(path: Path, cells: Sequence[str]) -> np.ndarray:
-    """Numbers of landmarks that are called by number or by name."""
+    """Numbers of landmarks given by number or by name."""
     known = {str(number): number for number in range(21)}
     known |= {name.lower(): number for number, name in enumerate(LANDMARKS)}
     keys = [cell.strip().lower() for cell in cells]

@@ -1,4 +1,4 @@
-"""Images of hands with 2D landmarks alone for Lightning (Sec. 4.1)."""
+"""Lightning datamodule of images with 2D landmarks only (Sec. 4.1)."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 
 
 class LandmarkDataModule(ImageDataModule):
-    """Anybody's images: COCO keypoints, JSON, CSV or HInt; no 3D, so its scores are 2D ones."""
+    """Images with 2D landmarks from COCO, JSON, CSV or HInt files; without 3D, so scores are 2D only."""
 
     name = "landmarks"
     landmarks = "knuckle"
@@ -21,7 +21,7 @@ class LandmarkDataModule(ImageDataModule):
     default_crop = CropPolicy(around="joints")
 
     def __init__(self, *location: Path | str, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
-        """Remember what to read.
+        """Store the settings; files are read on first use.
 
         Args:
             *location: Landmarks of the training images, a file or a folder, unless given as `train`.
@@ -31,7 +31,7 @@ class LandmarkDataModule(ImageDataModule):
         self._splits = LandmarkSplits(self.recipe)
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
-        """The split: there are no surfaces."""
+        """The dataset of a split, which has no surfaces."""
         return self.dataset(split)
 
     def train_ground_truth(
@@ -39,7 +39,7 @@ class LandmarkDataModule(ImageDataModule):
     ) -> (
         tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
     ):
-        """None: there is no 3D, and no image has to be read to know it."""
+        """None: landmark files have no 3D ground truth, so no image is read."""
         del limit
         return None
 

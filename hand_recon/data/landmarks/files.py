@@ -1,4 +1,4 @@
-"""Reads 2D landmarks of hands from a file, whatever wrote it; the format is told by the content.
+"""Reads 2D landmarks of hands from a file; the format is recognized by the content.
 
 Points are pixels of the image, 21 per hand in FreiHAND's order (`hand_recon.hand.skeleton.LANDMARKS`) unless
 another is named. Pixel i covers [i, i + 1), so a detector that counts from pixel centres is half a pixel off.
@@ -8,10 +8,10 @@ JSON
     confidence or σ in pixels, which applies to the whole file. One hand alone need not be nested. A hand that
     was not found is `null`.
 
-    A list of N objects (or one) that say more: `landmarks` as above and, if wanted, `side` (or
+    A list of N objects (or one) with more fields: `landmarks` as above and, optionally, `side` (or
     `handedness`), `image`, `name`, `intrinsics` (or `K`), `confidence` and `sigma` (21 numbers each;
     σ also as 21 pairs), `box` (left, top, right, bottom) and `occluded` (21 true or false). Other keys are
-    left unread with a warning. `fit.json` is such a list.
+    ignored with a warning. `fit.json` is such a list.
 
     COCO's keypoint format (`hand_recon.data.landmarks.coco`).
 
@@ -45,8 +45,8 @@ def read_landmarks(
 
     Args:
         path: JSON or CSV, see above.
-        intrinsics: Camera matrices of the images, one or one per hand; they go before those in the file.
-        assumed: What is taken for granted where the file does not say it.
+        intrinsics: Camera matrices of the images, one or one per hand; they override those in the file.
+        assumed: Assumed values of what the file does not specify.
 
     Raises:
         FileNotFoundError: A file is missing.

@@ -1,4 +1,4 @@
-"""HInt: hands in the wild with 2D landmarks that say which of them are hidden (Pavlakos et al., CVPR 2024).
+"""Reads HInt: hands in the wild with 2D landmarks and their occlusion (Pavlakos et al., CVPR 2024).
 
 A folder of `<name>_l.jpg` and `<name>_l.json` pairs; `_l` or `_r` is the hand's side, and both hands of a
 image have a pair each. A JSON file is a list of `{bbox: [[left, top, right, bottom]], keypoints: 21 × 2,
@@ -21,19 +21,19 @@ from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_landma
 logger = logging.getLogger(__name__)
 
 SPLITS: Final = ("train", "val", "test")
-"""What folders of the archive begin with, in capitals."""
+"""Prefixes of the archive's folders, which are written in capitals."""
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""How an image's name may end."""
+"""Suffixes of image files."""
 
 _SIDES: Final = {"l": "left", "r": "right"}
 
 
 def folders_of(root: Path, split: str) -> list[Path]:
-    """The folders of the archive that hold a split; none if the root is not the archive's, or has none.
+    """Folders of the archive that hold a split; empty if the root is not the archive's or has none.
 
     Args:
-        root: Any folder.
+        root: Folder to search.
         split: One of `SPLITS`.
     """
     return sorted(
@@ -45,12 +45,12 @@ def folders_of(root: Path, split: str) -> list[Path]:
 def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = None) -> LandmarkSet:
     """The hands of a folder, or of a split of the whole archive.
 
-    Hands whose image is not there are left out aloud.
+    Hands whose image is missing are left out with a warning.
 
     Args:
         root: The unpacked archive, or one of its folders.
-        split: One of `SPLITS`; of one folder of pairs everything is read.
-        assumed: What is taken for granted where a file's name does not tell it.
+        split: One of `SPLITS`; a single folder of pairs is read whole.
+        assumed: Assumed values of what a file's name does not specify.
 
     Raises:
         FileNotFoundError: There is no such folder, or no hand with an image in it.

@@ -1,4 +1,4 @@
-"""Images of hands with 2D landmarks alone, as training data: what this method was made for (Sec. 3.3).
+"""Table of annotated hands from images with 2D landmarks only, the method's training data (Sec. 3.3).
 
 COCO keypoints, JSON lists, CSV (`hand_recon.data.landmarks.files`) or a folder of HInt
 (`hand_recon.data.landmarks.hint`) become one table of annotated images.
@@ -22,18 +22,18 @@ from hand_recon.data.landmarks.landmark_set import FEWEST, LandmarkSet, boxes
 logger = logging.getLogger(__name__)
 
 WHOLE: Final = 16
-"""Labelled landmarks from which their own box is the hand's: at most a finger and a joint are missing."""
+"""Number of labelled landmarks whose box counts as the hand's: at most one finger and a joint are missing."""
 
 LOOKED_AT: Final = 16
-"""Images that are opened to see whether the landmarks lie in them."""
+"""Number of images that are opened to check that the landmarks lie inside."""
 
 
 def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -> AnnotatedHands:
-    """A table of the hands that can be learnt from; those left out are counted aloud.
+    """Table of the hands that are usable for training; the number left out is logged.
 
     Args:
-        landmarks: Of any hands, each with its image.
-        root: The folder by which samples are named, and the table too.
+        landmarks: Landmarks of any hands, each with its image.
+        root: The folder that the names of samples and of the table are relative to.
         around: `joints` puts the box of the labelled landmarks into the table, `box` the dataset's own
             (`hand_frames`).
         min_side: Hands whose box is smaller are left out, pixels of the image.
@@ -72,13 +72,13 @@ def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -
 
 
 def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
-    """Left, top, right and bottom of what a crop is made around, pixels of the image.
+    """Box that each crop is made around: left, top, right and bottom, pixels of the image.
 
     Where fewer than `WHOLE` landmarks are labelled, their box may show a single finger: then a dataset's box,
     where there is one, is joined to it. Where there is none, a crop around the box is one around the labels.
 
     Args:
-        landmarks: Of any hands.
+        landmarks: Landmarks of any hands.
         around: `box` takes the dataset's box wherever there is one, else that of the landmarks is taken.
     """
     low, high = boxes(landmarks)
@@ -96,7 +96,7 @@ def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
 
 
 def scene(image: Path) -> str:
-    """What may not be in two splits: an image, under whichever of HInt's two names (`_l`, `_r`)."""
+    """Name of an image that must stay in one split: its path without HInt's `_l` or `_r`."""
     return str(image.with_name(re.sub(r"_[lr]$", "", image.stem)))
 
 
@@ -143,7 +143,7 @@ def _worth_keeping(
 
 
 def _identity(images: list[Path]) -> str:
-    """Changes whenever an image does."""
+    """Digest that changes when an image changes."""
     distinct = sorted(set(images))
     known = {path: file_identity(path) if path.is_file() else str(path) for path in distinct}
     return digest([known[path] for path in images])
@@ -154,10 +154,10 @@ def _array(column: Tensor | None) -> np.ndarray | None:
 
 
 def _check_size(table: AnnotatedHands) -> None:
-    """Refuse landmarks of which most are not in their images: they belong to another size.
+    """Refuse landmarks most of which lie outside their images, and so belong to another image size.
 
     Raises:
-        ValueError: More than half of the hands that were looked at are elsewhere.
+        ValueError: More than half of the checked hands lie outside.
     """
     seen, outside = 0, 0
     for row in np.unique(np.linspace(0, len(table) - 1, LOOKED_AT).round().astype(int)):

@@ -1,4 +1,4 @@
-"""Hands in JSON: lists of points, or objects that also tell the side, the image and the camera."""
+"""Parses hands in JSON: lists of points, or objects that also have side, image and camera."""
 
 import logging
 import math
@@ -14,18 +14,18 @@ from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 logger = logging.getLogger(__name__)
 
 LANDMARK_KEYS: Final = ("landmarks", "landmarks_2d")
-"""Where an object keeps its 21 points."""
+"""Keys of an object's 21 points."""
 
 SIDE_KEYS: Final = ("side", "handedness")
-"""Where an object keeps which hand it is."""
+"""Keys of an object's side."""
 
 CAMERA_KEYS: Final = ("intrinsics", "K")
-"""Where an object keeps its camera matrix."""
+"""Keys of an object's camera matrix."""
 
 KNOWN_KEYS: Final = (
     *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, "image", "name", "confidence", "sigma", "box", "occluded",
 )  # fmt: skip
-"""Everything that is read of an object."""
+"""All keys of an object that are read."""
 
 
 def parse_points(path: Path, content: list[Any]) -> ParsedHands:
@@ -73,7 +73,7 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
 
 
 def _is_one_hand(content: list[Any]) -> bool:
-    """Whether these are points: two or three numbers each, not all of them missing."""
+    """True if the entries are points: two or three numbers each, and not all of them missing."""
     points = [entry for entry in content if entry is not None]
     return bool(points) and all(
         isinstance(point, list)
@@ -101,7 +101,7 @@ def _to_array(path: Path, hands: list[Any]) -> Float[np.ndarray, "hand landmark=
 
 
 def _rows(path: Path, position: int, hand: object) -> list[list[Any]]:
-    """One hand's points as three entries each; `null` for the hand is a hand that was not found."""
+    """One hand's points as three entries each; `null` is a hand that was not found."""
     if hand is None:
         return [[None] * 3] * 21
     if not isinstance(hand, list) or len(hand) != 21:
@@ -127,7 +127,7 @@ def _rows(path: Path, position: int, hand: object) -> list[list[Any]]:
 def _values(
     path: Path, content: list[Any], key: str
 ) -> Float[np.ndarray, "hand landmark=21"] | None:
-    """One number per landmark, of the hands that have them; of two, one for each coordinate, their RMS."""
+    """One number per landmark, for hands that have them; of a pair, one per coordinate, the RMS."""
     if not any(entry.get(key) is not None for entry in content):
         return None
     try:
@@ -159,7 +159,7 @@ def _boxes(path: Path, content: list[Any]) -> Float[np.ndarray, "hand 4"] | None
 
 
 def _occluded(path: Path, content: list[Any]) -> Bool[np.ndarray, "hand landmark=21"] | None:
-    """Which landmarks are hidden, where every hand tells."""
+    """True for occluded landmarks; None unless every hand has the key."""
     told = sum(entry.get("occluded") is not None for entry in content)
     if not told:
         return None

@@ -1,4 +1,4 @@
-"""2D landmarks of hands as a detector leaves them, in pixels of whole images (what Sec. 3.3 is fitted to)."""
+"""2D landmarks of hands in pixels of whole images: the input of a fit (Sec. 3.3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 FEWEST: Final = 4
-"""Labelled landmarks without which a hand's place and size are anybody's guess."""
+"""Smallest number of labelled landmarks that determine a hand's position and size."""
 
 
 @dataclass(frozen=True)
@@ -23,23 +23,23 @@ class LandmarkSet:
     landmarks_2d: Float[Tensor, "hand landmark=21 2"]
     """Pixels of the image; NaN where there is no label."""
     labelled: Bool[Tensor, "hand landmark=21"]
-    """Which landmarks have a label."""
+    """True for landmarks with a label."""
     left: Bool[Tensor, " hand"]
-    """Which hands are left ones."""
+    """True for left hands."""
     names: tuple[str, ...]
-    """What each hand is called: its image's file name, or its position in the file."""
+    """Name of each hand: its image's file name, or its position in the file."""
     sigma: Float[Tensor, "hand landmark=21"] | None = None
     """Standard deviation of each label, pixels of the image; NaN where unknown."""
     confidence: Float[Tensor, "hand landmark=21"] | None = None
-    """How sure the detector was, from 0 to 1; NaN where unknown."""
+    """Detector confidence, 0 to 1; NaN where unknown."""
     intrinsics: Float[Tensor, "hand 3 3"] | None = None
-    """Camera matrices, pixels of the image; none if the cameras are unknown."""
+    """Camera matrices, pixels of the image; None if the cameras are unknown."""
     images: tuple[Path | None, ...] = field(default=())
-    """The image of each hand, where the file names one; made as long as `names`."""
+    """Image file of each hand, where the file names one; as many as `names`."""
     hand_boxes: Float[Tensor, "hand 4"] | None = None
-    """Left, top, right and bottom of each hand as whoever drew the box saw it, pixels; NaN where unknown."""
+    """Annotated box of each hand: left, top, right and bottom, pixels; NaN where unknown."""
     occluded: Bool[Tensor, "hand landmark=21"] | None = None
-    """Which labelled landmarks cannot be seen; none if the file does not tell."""
+    """True for labelled landmarks that cannot be seen; None if the file does not specify it."""
 
     def __post_init__(self) -> None:
         if not self.images:
@@ -56,7 +56,7 @@ class LandmarkSet:
 
     @property
     def usable(self) -> Bool[Tensor, " hand"]:
-        """Hands with `FEWEST` labelled landmarks or more that do not all coincide."""
+        """True for hands with `FEWEST` or more labelled landmarks that do not all coincide."""
         low, high = boxes(self)
         return (self.labelled.sum(dim=-1) >= FEWEST) & ((high - low).amax(dim=-1) > 0)
 
@@ -82,7 +82,7 @@ class LandmarkSet:
         )
 
     def parts(self, size: int) -> Iterator["LandmarkSet"]:
-        """The hands in their order, so many at a time."""
+        """Consecutive parts of at most `size` hands."""
         for start in range(0, len(self), size):
             yield self.select(slice(start, start + size))
 
@@ -90,9 +90,9 @@ class LandmarkSet:
 def boxes(
     landmarks: LandmarkSet,
 ) -> tuple[Float[Tensor, "hand 2"], Float[Tensor, "hand 2"]]:
-    """The least and the greatest coordinates of the labelled landmarks, pixels.
+    """Smallest and largest coordinates of the labelled landmarks, pixels.
 
-    A hand without any has a box of no size at its image's origin.
+    A hand without labelled landmarks has a box of zero size at its image's origin.
     """
     labelled = landmarks.labelled[..., None]
     low = torch.where(labelled, landmarks.landmarks_2d, torch.inf).amin(dim=1)
@@ -104,7 +104,7 @@ def boxes(
 def mirror_matrices(
     landmarks: LandmarkSet, which: Bool[Tensor, " hand"]
 ) -> Float[Tensor, "hand 3 3"]:
-    """Image → mirrored image of some hands, the identity for the others.
+    """Matrices from image pixels to mirrored image pixels for some hands, the identity for the others.
 
     The axis goes through the principal point where the camera is known, so that the mirrored camera is the
     same one, and through the middle of the landmarks' box where it is not. Mirrored landmarks have the same
@@ -122,10 +122,10 @@ def mirror_matrices(
 
 
 def mirror(landmarks: LandmarkSet, which: Bool[Tensor, " hand"]) -> LandmarkSet:
-    """Some hands seen in a mirror: left ones become right ones and the other way round.
+    """Mirror some hands: left ones become right ones and the other way round.
 
-    With the camera goes x → −x, so that a mirrored hand in 3D projects to its mirrored landmarks. Twice the
-    same is as if nothing had been done. Image files stay as they are.
+    The camera's x axis is negated too, so that a mirrored hand in 3D projects to its mirrored landmarks.
+    Mirroring twice restores the original. Image files are not changed.
     """
     matrices = mirror_matrices(landmarks, which)
     intrinsics = landmarks.intrinsics
@@ -141,7 +141,7 @@ def mirror(landmarks: LandmarkSet, which: Bool[Tensor, " hand"]) -> LandmarkSet:
 def _mirrored_boxes(
     hand_boxes: Float[Tensor, "hand 4"] | None, matrices: Float[Tensor, "hand 3 3"]
 ) -> Float[Tensor, "hand 4"] | None:
-    """Boxes through mirrors: what was the left edge may now be the right one."""
+    """Boxes after mirroring, with left and right edges in order."""
     if hand_boxes is None:
         return None
     corners = move_points(hand_boxes.unflatten(-1, (2, 2)), matrices)
@@ -156,14 +156,14 @@ def mirror_left(landmarks: LandmarkSet) -> LandmarkSet:
 def move_points(
     points: Float[Tensor, "hand point 2"], matrices: Float[Tensor, "hand 3 3"]
 ) -> Float[Tensor, "hand point 2"]:
-    """Points through one affine matrix per hand; NaN stays NaN."""
+    """Apply one affine matrix per hand to points; NaN stays NaN."""
     return points @ matrices[:, :2, :2].mT + matrices[:, None, :2, 2]
 
 
 def mirror_camera(
     matrices: Float[Tensor, "hand *rows 3"], which: Bool[Tensor, " hand"]
 ) -> Float[Tensor, "hand *rows 3"]:
-    """Some hands with x → −x in the camera's frame: points, or matrices that act on points from the left."""
+    """Negate x in the camera frame of some hands: in points, or in matrices that are applied to points."""
     sign = torch.ones(len(which), 3, dtype=matrices.dtype, device=matrices.device)
     sign[which.to(matrices.device), 0] = -1.0
     return matrices * sign.reshape(len(which), *(1,) * (matrices.ndim - 2), 3)

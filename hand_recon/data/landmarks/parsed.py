@@ -1,4 +1,4 @@
-"""What every format of landmark files is parsed to, and the checks that turn it into a `LandmarkSet`."""
+"""Common form of parsed landmark files, and the checks that turn it into a `LandmarkSet`."""
 
 import logging
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from hand_recon.hand.skeleton import landmark_permutation
 logger = logging.getLogger(__name__)
 
 MEANINGS: Final = ("auto", "confidence", "sigma")
-"""What the third value of a point can be taken for."""
+"""Possible meanings of the third value of a point."""
 
 SIDES: Final = ("left", "right")
-"""What a hand's side can be called."""
+"""Names of a hand's side."""
 
 
 @dataclass(frozen=True)
 class ParsedHands:
-    """The contents of a file of N hands, unchecked; NaN is what the file leaves out."""
+    """Unchecked contents of a file of N hands; NaN where the file has no value."""
 
     points: Float[np.ndarray, "hand landmark=21 2"]
     """Pixels of the image, in the file's order of landmarks."""
     third_value: Float[np.ndarray, "hand landmark=21"] | None = None
-    """A third value whose meaning the file does not tell."""
+    """Third value whose meaning the file does not specify."""
     confidence: Float[np.ndarray, "hand landmark=21"] | None = None
     """Scores from 0 to 1."""
     sigma: Float[np.ndarray, "hand landmark=21"] | None = None
@@ -37,29 +37,29 @@ class ParsedHands:
     intrinsics: Float[np.ndarray, "hand 3 3"] | None = None
     """Camera matrices."""
     sides: Sequence[str | None] = ()
-    """`left`, `right` or not told, for each hand; empty if none is told."""
+    """`left`, `right` or None for each hand; empty if no side is known."""
     names: Sequence[str | None] = ()
-    """What the file calls each hand; empty if it names none."""
+    """Name of each hand in the file; empty if it has no names."""
     images: Sequence[str | None] = ()
-    """The image of each hand as the file has it; empty if it names none."""
+    """Image of each hand as written in the file; empty if it names none."""
     boxes: Float[np.ndarray, "hand 4"] | None = None
     """Left, top, right and bottom, pixels of the image; NaN, or no extent, where there is no box."""
     occluded: Bool[np.ndarray, "hand landmark=21"] | None = None
-    """Which landmarks cannot be seen, in the file's order of landmarks."""
+    """True for landmarks that cannot be seen, in the file's order of landmarks."""
 
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What is taken for granted where a file does not say it.
+    """Assumed values of what a file does not specify.
 
     Raises:
-        ValueError: A value is not among those that are known.
+        ValueError: A value is unknown.
     """
 
     third_value: str = "auto"
     """One of `MEANINGS`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
     side: str | None = "right"
-    """Which hands they are where the file does not tell; none refuses a file that does not."""
+    """Side of hands whose side the file does not give; None refuses such a file."""
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     images: Path | None = None
@@ -76,11 +76,11 @@ class Assumptions:
 
 
 def read_side(where: str, value: object) -> str | None:
-    """A side as files write it.
+    """Parse the side of a hand.
 
     Args:
         where: File and hand, for the message.
-        value: Any capitals; nothing, or an empty text, is an unknown side.
+        value: A side in any case; None or an empty text is an unknown side.
 
     Raises:
         ValueError: It is something else.
@@ -94,12 +94,12 @@ def read_side(where: str, value: object) -> str | None:
 
 
 def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> LandmarkSet:
-    """Check what was parsed, and put the landmarks into the project's order.
+    """Check parsed hands and put the landmarks into the project's order.
 
     Args:
         path: The file, for messages.
         parsed: Its contents.
-        assumed: What it does not say.
+        assumed: Assumed values of what it does not specify.
 
     Raises:
         ValueError: There are no hands, or numbers that cannot be landmarks in pixels.
@@ -107,7 +107,7 @@ def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> La
     hands = len(parsed.points)
     if hands == 0:
         raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
-    confidence, sigma = _told_apart(path, parsed, assumed.third_value)
+    confidence, sigma = _interpret_third_value(path, parsed, assumed.third_value)
     labelled = np.isfinite(parsed.points).all(axis=-1)
     if confidence is not None:
         # Detectors write (0, 0) with confidence 0 for what they did not find.
@@ -142,16 +142,16 @@ def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> La
 
 
 def _known_boxes(boxes: Float[np.ndarray, "hand 4"]) -> Float[np.ndarray, "hand 4"]:
-    """NaN for boxes without extent: annotators write zeros for a box that they did not draw."""
+    """Boxes, with NaN for those without extent: annotators write zeros for a box that they did not draw."""
     extent = (boxes[:, 2:] - boxes[:, :2]).min(axis=-1, keepdims=True)
     return np.where(np.isfinite(boxes).all(axis=-1, keepdims=True) & (extent > 0), boxes, np.nan)
 
 
 def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
-    """Stop if any hand is wrong, and name the first of them.
+    """Raise an error that names the first wrong hands, if there are any.
 
     Raises:
-        ValueError: One is.
+        ValueError: A hand is wrong.
     """
     if wrong.any():
         first = ", ".join(str(hand) for hand in np.flatnonzero(wrong)[:5])
@@ -160,10 +160,10 @@ def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
         )
 
 
-def _told_apart(
+def _interpret_third_value(
     path: Path, parsed: ParsedHands, meaning: str
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Confidence and σ, once it is settled which of the two the third value is."""
+    """Confidence and σ, after deciding which of the two the third value is."""
     confidence, sigma, third_value = parsed.confidence, parsed.sigma, parsed.third_value
     if third_value is None or np.isnan(third_value).all():
         return confidence, sigma
@@ -219,7 +219,7 @@ def _check_sigma(path: Path, sigma: np.ndarray | None) -> None:
 
 
 def _where(labelled: np.ndarray, values: np.ndarray | None) -> np.ndarray | None:
-    """The values of labelled landmarks; none if there is not a single one."""
+    """Values at labelled landmarks, NaN elsewhere; None if there are no values."""
     if values is None:
         return None
     kept = np.where(labelled, values, np.nan)

@@ -1,4 +1,4 @@
-"""Who trains, validates and tests among images with 2D landmarks: never one image in two splits."""
+"""Training, validation and test splits of images with 2D landmarks; no image is in two splits."""
 
 import logging
 from dataclasses import dataclass, field, replace
@@ -22,41 +22,41 @@ from hand_recon.data.landmarks.parsed import Assumptions
 logger = logging.getLogger(__name__)
 
 AROUND: Final = ("joints", "box", "full", "centre")
-"""What a crop can be made around: there are no masks."""
+"""Choices of what a crop is made around; landmark files have no masks."""
 
 
 @dataclass(frozen=True)
 class LandmarkRecipe:
-    """Which files, and how their images are cut out and read.
+    """Settings of a dataset of landmark files: files, splits, crops and reading.
 
     Raises:
-        ValueError: A choice does not exist.
+        ValueError: An option has an unknown value.
     """
 
     train: Path | str
     """Landmarks of the training images: a file, a folder of HInt, or HInt's whole archive."""
     val: Path | str | None = None
-    """Those of validation; none takes HInt's own, else a share of the training images."""
+    """Landmarks for validation; None takes HInt's own, else a share of the training images."""
     test: Path | str | None = None
-    """Those of the test; none takes HInt's own, else a share of the training images."""
+    """Landmarks for testing; None takes HInt's own, else a share of the training images."""
     images: Path | str | None = None
     """Folder of the images, if it is not that of the file."""
     side: str | None = None
-    """Which hands they are where a file does not tell; none refuses such a file."""
+    """Side of hands whose side a file does not give; None refuses such a file."""
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     third_value: str = "auto"
-    """What a third value is that a file does not name: `auto`, `confidence` or `sigma`."""
+    """Meaning of a third value that a file does not name: `auto`, `confidence` or `sigma`."""
     min_side: float = 24.0
-    """Hands whose box is smaller are left out, pixels of the image."""
+    """Smallest side of a hand's box, pixels of the image; smaller hands are left out."""
     val_fraction: float = 0.1
-    """Share of the training images that validate where no file does; as many again test."""
+    """Share of the training images for validation where no file is given; as many again for testing."""
     split_seed: int = 0
-    """Fixes which: the same for all seeds of a study."""
+    """Seed of the split, the same for all seeds of a study."""
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
     """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many missing or damaged images are too many."""
+    """Caches and the number of missing or damaged images allowed."""
 
     def __post_init__(self) -> None:
         self.assumed()
@@ -72,12 +72,12 @@ class LandmarkRecipe:
             )
 
     def assumed(self) -> Assumptions:
-        """What is taken for granted where a file does not say it."""
+        """Assumed values of what a file does not specify."""
         images = None if self.images is None else Path(self.images).expanduser().absolute()
         return Assumptions(self.third_value, self.side, self.order, images)
 
     def source(self, split: str) -> Path | None:
-        """Where a split's landmarks are; none if it is a share of the training images."""
+        """Path of a split's landmarks; None if the split is a share of the training images."""
         given = {"train": self.train, "val": self.val, "test": self.test}[split]
         if given is not None:
             return Path(given).expanduser().absolute()
@@ -89,11 +89,11 @@ class LandmarkSplits:
     """The datasets of a recipe; a file that several splits share is read once."""
 
     def __init__(self, recipe: LandmarkRecipe) -> None:
-        """Remember what to read."""
+        """Store the recipe; files are read on first use."""
         self.recipe = recipe
 
     def dataset(self, split: str) -> AnnotatedImages:
-        """The hands of a split.
+        """The dataset of a split, built on each call.
 
         Args:
             split: `train`, `val` or `test`.
@@ -104,7 +104,7 @@ class LandmarkSplits:
             RuntimeError: More images are missing or damaged than allowed.
         """
         recipe = self.recipe
-        # The table's boxes are what a crop is to be made around (`hand_frames`).
+        # Crops are made around the table's boxes (`hand_frames`).
         around = "box" if recipe.crop.around == "joints" else recipe.crop.around
         cut = ImageRecipe(replace(recipe.crop, around=around), recipe.reading)
         source = recipe.source(split)
@@ -118,7 +118,7 @@ class LandmarkSplits:
             return AnnotatedImages(self._training, self._shares[split], cut, cached_rows=every)
         table = self._read(source, split)
         if "_training" in vars(self):
-            # Read already: a test alone needs no training images.
+            # Only if the training images are read already: a test alone does not need them.
             self._warn_of_shared_images(table, split)
         return AnnotatedImages(table, recipe=cut)
 
