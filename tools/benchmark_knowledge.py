@@ -1,8 +1,8 @@
-"""What the knowledge losses cost: beside the published recipe for non-penetration, and beside a ResNet-50.
+"""Benchmark of the knowledge losses, against the published recipe for non-penetration and a ResNet-50.
 
 `python -m tools.benchmark_knowledge`. The published recipe computes the winding number of every vertex by
-broadcasting and the distances between all vertices, one hand at a time "because of memory". Every figure is
-the least of some runs in a process of its own; memory is by how much that process grew at its peak.
+broadcasting and the distances between all vertices, one hand at a time "because of memory". Every time is
+the shortest of several runs in a separate process; memory is the growth of that process at its peak.
 """
 
 import argparse
@@ -33,15 +33,15 @@ from tests.support import knowledge_reference
 Work = Callable[[], float]
 
 NAIVE_HANDS: Final = 4
-"""Hands that the published recipe is run on; its time per hand is the same for all."""
+"""Number of hands that the published recipe is run on; its time per hand does not depend on it."""
 RESNET_IMAGES: Final = 16
-"""Images that the network is run on at once; its time per image hardly depends on it."""
+"""Images per batch of the network; its time per image hardly depends on it."""
 NEAR, TOLERANCE = 0.02, 0.006
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a piece of work took."""
+    """Time and memory of a measured function, and the loss that it computed."""
 
     seconds: float
     megabytes: float
@@ -49,7 +49,7 @@ class Cost:
 
 
 def joint_angles(kind: str, count: int) -> Tensor:
-    """Joint angles of gestures, or of joints that turn about any axis by 34° or so."""
+    """Joint angles of gestures (`natural`), or normally distributed about all axes, SD 34° (`wild`)."""
     random = np.random.default_rng(0)
     if kind == "natural":
         return torch.tensor(np.stack([sample_pose(random) for _ in range(count)])).float()
@@ -57,18 +57,18 @@ def joint_angles(kind: str, count: int) -> Tensor:
 
 
 def posed(hand: HandModel, kind: str, count: int) -> Tensor:
-    """Vertices of such hands, of shapes as they come."""
+    """Vertices of hands in such poses and of random shapes."""
     shapes = torch.randn(count, 10, generator=torch.Generator().manual_seed(0))
     return hand(joint_angles(kind, count), shapes).vertices
 
 
 def published_recipe(vertices: Tensor, triangles: Tensor, near: Tensor) -> Tensor:
-    """Eq. 4 of one hand, read literally, by broadcasting.
+    """Eq. 4 of one hand, as it is written, by broadcasting.
 
     Args:
-        vertices: Of the hand, then the middle of its wrist.
-        triangles: Corners of the closed surface.
-        near: Which vertices are neighbours along the surface.
+        vertices: Vertices of the hand, then the centre of its wrist, metres.
+        triangles: Triangles of the closed surface.
+        near: Mask of the pairs of vertices that are close along the surface.
     """
     skin = vertices[:-1]
     with torch.no_grad():
@@ -86,14 +86,14 @@ def published_recipe(vertices: Tensor, triangles: Tensor, near: Tensor) -> Tenso
 
 
 def recipe_work(kind: str, count: int) -> Work:
-    """The published recipe, one hand at a time."""
+    """Make the published recipe's work, one hand at a time."""
     hand = open_hand()
     vertices = posed(hand, kind, count).requires_grad_()
     ring = hand.wrist_ring
     cap = torch.stack([ring, ring.roll(-1), torch.full_like(ring, len(hand.template))], dim=1)
     triangles = torch.cat([hand.faces, cap])
-    ways = geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
-    near = torch.from_numpy(ways <= NEAR)
+    distances = geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
+    near = torch.from_numpy(distances <= NEAR)
 
     def work() -> float:
         total = 0.0
@@ -108,7 +108,7 @@ def recipe_work(kind: str, count: int) -> Work:
 
 
 def physics_work(kind: str, count: int) -> Work:
-    """Our non-penetration term on a batch."""
+    """Make the work of our non-penetration term on a batch."""
     hand = open_hand()
     vertices = posed(hand, kind, count).requires_grad_()
     term = NonPenetration(hand)
@@ -122,7 +122,7 @@ def physics_work(kind: str, count: int) -> Work:
 
 
 def knowledge_work(kind: str, count: int, *, full: bool) -> Work:
-    """Hand model, camera, data term and prior on a batch; without `full`, the first three."""
+    """Make the work of hand model, camera and data term on a batch; with `full`, of the prior too."""
     hand = open_hand()
     prior = Prior.default(hand)
     angles = joint_angles(kind, count).requires_grad_()
@@ -146,7 +146,7 @@ def knowledge_work(kind: str, count: int, *, full: bool) -> Work:
 
 
 def resnet_work(count: int) -> Work:
-    """A ResNet-50 on pictures of 224 pixels."""
+    """Make the work of a ResNet-50 on images of 224 pixels."""
     network = torchvision.models.resnet50(weights=None)
     images = torch.randn(count, 3, 224, 224)
 
@@ -161,7 +161,7 @@ def resnet_work(count: int) -> Work:
 def _measured(make: Callable[[], Work], threads: int, runs: int, pipe: object) -> None:
     torch.set_num_threads(threads)
     work = make()
-    # The measured process has all its modules and tables, but not yet run anything.
+    # By now the process has loaded its modules and tables, but not computed anything.
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     times = []
     for _ in range(runs):
@@ -173,7 +173,7 @@ def _measured(make: Callable[[], Work], threads: int, runs: int, pipe: object) -
 
 
 def measure(make: Callable[[], Work], threads: int, runs: int) -> Cost:
-    """Time and growth of a piece of work in a process of its own."""
+    """Measure time and memory of some work in a separate process."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_measured, args=(make, threads, runs, sender))
@@ -184,19 +184,19 @@ def measure(make: Callable[[], Work], threads: int, runs: int) -> Cost:
 
 
 def largest_difference(kind: str, count: int) -> float:
-    """Between our d(v) and its definition written out in NumPy, metres."""
+    """Largest difference between our d(v) and its definition written out in NumPy, metres."""
     hand = open_hand()
     vertices, parts = posed(hand, kind, count), closed_parts(hand)
-    ways = geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
+    distances = geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
     expected = [
-        knowledge_reference.depths(one.double().numpy(), parts, ways, NEAR) for one in vertices
+        knowledge_reference.depths(one.double().numpy(), parts, distances, NEAR) for one in vertices
     ]
     actual = NonPenetration(hand).depths(vertices).double().numpy()
     return float(np.abs(actual - np.stack(expected)).max())
 
 
 def report_physics(batch: int, threads: int) -> None:
-    """Non-penetration beside the published recipe."""
+    """Print non-penetration against the published recipe."""
     print(f"non-penetration, forward and backward, {batch} hands, {threads} thread(s)")
     print(
         f"{'poses':8} {'recipe':>9} {'peak/hand':>10} {'ours':>9} {'peak':>7} {'faster':>7} {'leaner':>7}"
@@ -218,7 +218,7 @@ def report_physics(batch: int, threads: int) -> None:
 
 
 def report_all(batch: int, threads: int, *, resnet: bool) -> None:
-    """All knowledge losses beside the network."""
+    """Print all knowledge losses against the network."""
     print(f"\nhand model, camera, data term and all knowledge, forward and backward, {batch} hands")
     everything = {}
     for kind in ("natural", "wild"):
@@ -239,7 +239,7 @@ def report_all(batch: int, threads: int, *, resnet: bool) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print both comparisons."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--batch", type=int, default=64)

@@ -46,18 +46,6 @@ class RangeOfMotion:
         inside = (joint_angles >= self.lower - tolerance) & (joint_angles <= self.upper + tolerance)
         return inside.flatten(-2).all(dim=-1)
 
-    def mirrored(self) -> "RangeOfMotion":
-        """The ranges of the other hand where its angles are counted about right-handed axes.
-
-        Nothing in this project needs it. Every left hand is mirrored when it is read, and joint angles
-        are anatomical (flexion, towards the thumb), so that one table serves both hands. But a left
-        hand's own rotations, as MANO_LEFT has them, are about axes that a reflection has turned into
-        right-handed ones: bend and splay change sign, twist does not.
-        """
-        sign = torch.tensor([-1.0, -1.0, 1.0]).to(self.lower)  # Of bend, splay and twist.
-        ends = torch.stack([self.lower * sign, self.upper * sign])
-        return RangeOfMotion(lower=ends.amin(dim=0), upper=ends.amax(dim=0))
-
 
 def load_ranges(
     name_or_path: str, rest_angles: Float[Tensor, "joint=15 axis=3"] | None = None

@@ -1,1 +1,1 @@
-"""Non-penetration: no part of the hand enters another (Sec. 3.2, Eq. 4)."""
+"""Non-penetration: depth of parts of the hand inside other parts (Sec. 3.2, Eq. 4)."""

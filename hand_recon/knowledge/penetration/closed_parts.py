@@ -1,7 +1,7 @@
-"""The hand's surface cut into closed parts: the palm and fourteen phalanges (Sec. 3.2, Eq. 4).
+"""Segmentation of the hand's surface into closed parts: palm and fourteen phalanges (Sec. 3.2, Eq. 4).
 
-Skinning folds the skin where two parts meet, and a fold is no penetration. Asking each part by itself whether
-a point is inside tells the two apart (decision 35), and asks few triangles.
+Skinning folds the skin where two parts meet, and a fold is not a penetration. An inside test per part tells
+the two apart (decision 35) and needs few triangles.
 """
 
 from dataclasses import dataclass
@@ -17,53 +17,56 @@ from hand_recon.hand.skeleton import JOINTS, PARENTS
 
 _THUMB_BASE: Final = JOINTS.index("thumb CMC")
 PARTS: Final[tuple[int, ...]] = tuple(j for j in range(len(JOINTS)) if j != _THUMB_BASE)
-"""The joint that moves each part."""
+"""Index of the joint that moves each part."""
 PALM_PART: Final = 0
-"""The part that the wrist carries, with the thumb's metacarpal, which lies in the same flesh."""
+"""Index of the palm, which includes the thumb's metacarpal."""
 _BEYOND: Final = -1
-"""What meets the palm at the wrist."""
+"""Number that stands for the forearm beyond the wrist."""
 _PART_OF_JOINT: Final = np.array(
     [PALM_PART if joint == _THUMB_BASE else PARTS.index(joint) for joint in range(len(JOINTS))]
 )
 _PARENTS: Final = np.array([_PART_OF_JOINT[max(PARENTS[joint], 0)] for joint in PARTS])
-"""The part that carries each part; the palm's is itself."""
+"""Index of each part's parent; the palm's is itself."""
 _DEPTHS: Final = np.array([0, *(1 + k for _ in range(4) for k in range(3)), 1, 2])
-"""Joints between each part and the palm."""
+"""Number of joints between each part and the palm."""
 _OUTLINE: Final = (
     (PALM_PART, PARTS.index(JOINTS.index("index MCP"))),
     (PALM_PART, PARTS.index(JOINTS.index("little MCP"))),
     (_BEYOND, PALM_PART),
 )
 _GROUP: Final = 32
-"""Vertices that a group has at most."""
+"""Largest number of vertices in a group."""
 
 Rims = dict[tuple[int, int], list[tuple[int, int]]]
 
 
 @dataclass(frozen=True)
 class ClosedParts:
-    """A hand's triangles by part, each part closed by fans over its openings, which neighbours share."""
+    """The hand's triangles by part; fans of triangles, shared by adjacent parts, close the openings."""
 
     faces: tuple[Int[np.ndarray, "_ 3"], ...]
     """Triangles of each part, its fans last; corners count the vertices, then the fans' centres."""
     centres: Float[np.ndarray, "opening vertex"]
-    """Weights of the vertices whose mean is the centre of each fan."""
+    """Weight of every vertex in the centre of each fan, the mean of the opening's vertices."""
     palm_outline: Int[np.ndarray, "corner=3"]
-    """Centres at the roots of the index and little finger and at the wrist, as `faces` counts."""
+    """Fan centres at the index MCP, little MCP and wrist, numbered as in `faces`."""
     skin: Int[np.ndarray, "face 3"]
-    """The hand's triangles."""
+    """Triangles of the hand's surface, without fans."""
     part_of_face: Int[np.ndarray, " face"]
-    """The part to which each of the hand's triangles belongs."""
+    """Part of each triangle in `skin`."""
     adjacent: Bool[np.ndarray, "part part"]
-    """Which parts are the same or meet at a joint."""
+    """Pairs of parts that are the same or meet at a joint."""
     opponents: Bool[np.ndarray, "vertex part"]
-    """Which parts a vertex can penetrate: neither its own nor one next to its own."""
+    """Parts that each vertex can penetrate: neither its own nor one adjacent to its own."""
     groups: Int[np.ndarray, "group member"]
-    """Vertices of one part that are near each other at rest; a short group repeats its first member."""
+    """Groups of neighbouring vertices of one part; a short group repeats its first member."""
 
 
 def closed_parts(hand: HandModel) -> ClosedParts:
-    """Cut a hand's surface into parts and close each.
+    """Cut a hand's surface into parts and close each of them.
+
+    Args:
+        hand: The hand model.
 
     Raises:
         ValueError: The surface with its wrist cap is not closed.
@@ -101,11 +104,11 @@ def _part_of_face(
     faces: Int[np.ndarray, "face 3"],
     adjacent: Bool[np.ndarray, "part part"],
 ) -> Int[np.ndarray, " face"]:
-    """The part of the joint that carries most of each triangle, mended so that only adjacent parts meet.
+    """Part of each triangle by largest skinning weight, changed so that only adjacent parts meet.
 
-    Where others share an edge, as two fingers in a web, the triangle farther from the palm passes to the next
-    part towards it. Parts then follow on each other around a vertex as they do along the bones, which have no
-    circle, so that two parts meet in closed loops.
+    Where other parts share an edge, such as two fingers in a web, the triangle farther from the palm passes
+    to its parent part. Consecutive parts around a vertex are then neighbours in the tree of bones, so that
+    two parts meet in closed loops.
     """
     part = _PART_OF_JOINT[weights[faces].sum(axis=1).argmax(axis=1)]
     neighbours = _neighbours(faces)
@@ -119,7 +122,7 @@ def _part_of_face(
 
 
 def _neighbours(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "edge 2"]:
-    """The two triangles at each edge that has two."""
+    """Pairs of triangles that share an edge."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     order = np.lexsort(edges.T)
     same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1)
@@ -129,7 +132,7 @@ def _neighbours(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "edge 2"]:
 def _membership(
     faces: Int[np.ndarray, "face 3"], part_of_face: Int[np.ndarray, " face"]
 ) -> Bool[np.ndarray, "vertex part"]:
-    """Which parts have triangles at each vertex."""
+    """Parts that have a triangle at each vertex."""
     member = np.zeros((faces.max() + 1, len(PARTS)), dtype=bool)
     member[faces, part_of_face[:, None]] = True
     return member
@@ -140,7 +143,7 @@ def _rims(
     ring: Int[np.ndarray, " ring"],
     part_of_face: Int[np.ndarray, " face"],
 ) -> Rims:
-    """For every two parts that meet, the first one's edges there, in the direction of its triangles.
+    """Edges of each part where it meets another, keyed by the two parts, in the direction of its triangles.
 
     Raises:
         ValueError: The surface is not closed.
@@ -164,7 +167,7 @@ def _rims(
 
 
 def _adjacent() -> Bool[np.ndarray, "part part"]:
-    """Each part with itself, with the part that carries it and with those it carries."""
+    """Each part with itself, its parent and its children."""
     adjacent = np.eye(len(PARTS), dtype=bool)
     adjacent[range(len(PARTS)), _PARENTS] = True
     return adjacent | adjacent.T
@@ -173,7 +176,7 @@ def _adjacent() -> Bool[np.ndarray, "part part"]:
 def geodesic_distances(
     template: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> Float[np.ndarray, "vertex vertex"]:
-    """Shortest ways along the edges of a surface at rest, metres; infinite between pieces of it."""
+    """Geodesic distances of vertices along edges at rest, metres; infinite between separate pieces."""
     start, end = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).T
     lengths = np.linalg.norm(template[start] - template[end], axis=1)
     graph = csr_array((lengths, (start, end)), shape=(len(template), len(template)))
@@ -185,7 +188,7 @@ def _vertex_groups(
     faces: Int[np.ndarray, "face 3"],
     part_of_face: Int[np.ndarray, " face"],
 ) -> Int[np.ndarray, "group member"]:
-    """Each part's vertices, halved along their longest extent until no group is too large."""
+    """Vertices of each part, halved along their longest extent until no group is too large."""
     part = np.zeros(len(template), dtype=int)
     part[faces] = part_of_face[:, None]
     waiting = [np.flatnonzero(part == index) for index in range(len(PARTS))]

@@ -1,10 +1,10 @@
-"""Hand physics: no part of the hand is inside another one (Sec. 3.2, Eq. 4)."""
+"""Hand physics: a loss on parts of the hand that are inside other parts (Sec. 3.2, Eq. 4)."""
 
 from dataclasses import replace
 from typing import Final
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from hand_recon.hand.model import HandModel
@@ -14,22 +14,23 @@ from hand_recon.knowledge.penetration.part_bounds import PartBounds
 from hand_recon.knowledge.penetration.winding_number import SOLID_ANGLES_AT_ONCE
 
 _HANDS_AT_ONCE: Final = 64
-"""Hands whose bounds are compared at once."""
+"""Number of hands processed at once, which bounds the memory."""
 
 
 class NonPenetration(nn.Module):
     """Σ max(d(v) − d_tol, 0) over the vertices inside another part of the hand, for any batch shape.
 
     The surface is cut into the palm and fourteen phalanges, each closed (`ClosedParts`). A vertex is inside
-    when a part winds around it that is neither its own nor next to its own: where parts meet, skinning folds
-    the skin. d(v) is its distance to the skin of that part and of those next to it, again without those next
-    to its own; if the nearest point is within `geodesic` along the surface at rest, it is a fold, too. Inside
-    two parts, the deeper counts. The inside test and the choice of the nearest triangle have no gradient; the
-    distance has.
+    if it has a winding number above ½ for a part that is neither its own nor adjacent to its own; adjacent
+    parts are left out because skinning folds the skin between them. d(v) is the distance of the vertex to the
+    skin of that part and of its adjacent parts, again without those adjacent to the vertex's own part. A
+    vertex whose nearest point is within the geodesic distance `geodesic` on the surface at rest is in a fold
+    and does not count. Of several parts around a vertex, the one in which it is deepest counts. The inside
+    test and the choice of the nearest triangle have no gradient; the distance has.
     """
 
     centres: Tensor
-    ways: Tensor
+    geodesic_distances: Tensor
 
     def __init__(
         self,
@@ -39,14 +40,13 @@ class NonPenetration(nn.Module):
         tolerance: float = 0.006,
         at_once: int = SOLID_ANGLES_AT_ONCE,
     ) -> None:
-        """Precompute all that does not depend on the pose.
+        """Precompute everything that does not depend on the pose.
 
         Args:
-            hand: The hand whose vertices are judged.
-            geodesic: A vertex this near, along the surface at rest, to the skin it went through is in a fold,
-                metres.
-            tolerance: d_tol, by which flesh gives way, metres.
-            at_once: Most solid angles or distances to hold at once; bounds the memory, not the value.
+            hand: The hand model.
+            geodesic: Geodesic distance at rest up to which a vertex and its nearest skin are a fold, metres.
+            tolerance: d_tol, the depth that soft tissue allows, metres.
+            at_once: Most solid angles or distances in memory at once; does not change the value.
 
         Raises:
             ValueError: A length is negative, or the hand's surface is not closed.
@@ -62,7 +62,7 @@ class NonPenetration(nn.Module):
         template = hand.template.double().cpu().numpy()
         for name, array in (
             ("centres", parts.centres),
-            ("ways", geodesic_distances(template, parts.skin)),
+            ("geodesic_distances", geodesic_distances(template, parts.skin)),
         ):
             self.register_buffer(name, torch.from_numpy(array).float(), persistent=False)
         self.bounds = PartBounds(parts)
@@ -84,7 +84,11 @@ class NonPenetration(nn.Module):
 
     @torch.no_grad()
     def depths(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Float[Tensor, "*batch vertex"]:
-        """d(v) of every vertex inside another part and zero of the others, metres, without gradient."""
+        """d(v) of every vertex, metres, without gradient; zero for vertices inside no other part.
+
+        Args:
+            vertices: Metres, in any frame.
+        """
         hands = vertices.reshape(-1, *vertices.shape[-2:])
         contacts = self.contacts(hands, 0.0)
         depths = torch.zeros_like(hands[..., 0])
@@ -92,23 +96,18 @@ class NonPenetration(nn.Module):
         return depths.view(vertices.shape[:-1])
 
     @torch.no_grad()
-    def penetrates(self, vertices: Float[Tensor, "*batch vertex 3"]) -> Bool[Tensor, "*batch"]:
-        """Whether any vertex is deeper inside than d_tol; PR is the share of hands of which that is true."""
-        return self(vertices) > 0
-
-    @torch.no_grad()
     def contacts(self, hands: Float[Tensor, "hand vertex 3"], least: float) -> Contacts:
-        """Every vertex deeper than `least` inside another part, with the triangle nearest to it.
+        """All vertices deeper than `least` inside another part, each with its nearest triangle.
 
         Args:
-            hands: Metres.
-            least: Metres. The larger, the faster.
+            hands: Vertices of each hand, metres.
+            least: Smallest depth that is looked for, metres; the larger, the faster.
         """
         found = [self._contacts_of_some(some, least) for some in hands.split(_HANDS_AT_ONCE)]
         return Contacts.joined(
             [
-                replace(some, hand=some.hand + _HANDS_AT_ONCE * turn)
-                for turn, some in enumerate(found)
+                replace(some, hand=some.hand + _HANDS_AT_ONCE * number)
+                for number, some in enumerate(found)
             ]
         )
 
@@ -120,12 +119,12 @@ class NonPenetration(nn.Module):
         pairs = Contacts.joined([part(points, *query, least) for part, *query in queries])
         lots = torch.arange(len(pairs.hand), device=hands.device).split(self.at_once)
         depths = torch.cat([pairs.where(lot).depths(hands) for lot in lots])
-        place = pairs.hand * hands.shape[1] + pairs.vertex
-        nearest = first_of_each(place * len(self.parts) + pairs.part, depths)
+        point = pairs.hand * hands.shape[1] + pairs.vertex
+        nearest = first_of_each(point * len(self.parts) + pairs.part, depths)
         contacts, depths = pairs.where(nearest), depths[nearest]
-        ways = self.ways[contacts.vertex[:, None], contacts.corners].to(hands)
-        far = (ways * contacts.weights(hands)).sum(dim=1) > self.geodesic
+        corners = self.geodesic_distances[contacts.vertex[:, None], contacts.corners].to(hands)
+        far = (corners * contacts.weights(hands)).sum(dim=1) > self.geodesic
         counting = ((depths > least) & far).nonzero()[:, 0]
-        # A vertex inside two parts at once is as deep as in the deeper one.
-        deepest = first_of_each(place[nearest][counting], -depths[counting])
+        # Of several parts around a vertex, the one in which it is deepest counts.
+        deepest = first_of_each(point[nearest][counting], -depths[counting])
         return contacts.where(counting[deepest])

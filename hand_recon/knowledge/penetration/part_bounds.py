@@ -1,4 +1,4 @@
-"""Which vertices are within the bounds of another part of the hand: where Eq. 4 may apply (Sec. 3.2)."""
+"""Bounds of the parts, a fast test for vertices that may be inside another part (Sec. 3.2, Eq. 4)."""
 
 from typing import Final
 
@@ -16,7 +16,7 @@ _SLABS: Final = np.array(
 
 
 class PartBounds(nn.Module):
-    """Seven slabs around every part: first against those around groups of vertices, then against vertices."""
+    """Seven slabs around every part, tested against slabs of vertex groups, then against single vertices."""
 
     slabs: Tensor
     opponents: Tensor
@@ -24,7 +24,7 @@ class PartBounds(nn.Module):
     suspects: Tensor
 
     def __init__(self, parts: ClosedParts) -> None:
-        """Precompute which groups can penetrate which parts."""
+        """List the pairs of a vertex group and a part that it can penetrate."""
         super().__init__()
         suspects = np.argwhere(parts.opponents[parts.groups].any(axis=1))
         for name, array in (
@@ -40,12 +40,15 @@ class PartBounds(nn.Module):
     def forward(
         self, points: Float[Tensor, "point hand 3"]
     ) -> tuple[Int[Tensor, " query"], Int[Tensor, " query"], list[int]]:
-        """Hand and vertex of all within the bounds of a part they can penetrate, by part, and the counts.
+        """Indices of hand and vertex of all vertices within the bounds of a part that they can penetrate.
 
         Args:
             points: Vertices, then centres of the openings, metres.
+
+        Returns:
+            Hand, vertex, and number of queries of each part; the queries are sorted by part.
         """
-        # Whole rows are looked up by `index_select`, which is several times as fast as indexing.
+        # For whole rows, `index_select` is several times as fast as indexing.
         heights = points @ self.slabs.to(points).T
         low, high = self._extents(heights)
         group, part = self.suspects.T
@@ -55,11 +58,9 @@ class PartBounds(nn.Module):
         overlap &= rows.amax(dim=1).index_select(0, group) >= low.index_select(0, part)
         pair, hand = overlap.all(dim=-1).nonzero(as_tuple=True)
         vertex, part = self.groups[group[pair]], part[pair]
-        place = vertex * heights.shape[1] + hand[:, None]
+        row = vertex * heights.shape[1] + hand[:, None]
         height = (
-            heights.flatten(0, 1)
-            .index_select(0, place.flatten())
-            .view(*place.shape, heights.shape[-1])
+            heights.flatten(0, 1).index_select(0, row.flatten()).view(*row.shape, heights.shape[-1])
         )
         within = height <= high[part, hand][:, None]
         within &= height >= low[part, hand][:, None]
@@ -73,7 +74,7 @@ class PartBounds(nn.Module):
     def _extents(
         self, heights: Float[Tensor, "point hand slab"]
     ) -> tuple[Float[Tensor, "part hand slab"], Float[Tensor, "part hand slab"]]:
-        """Lowest and highest point of each part along each normal."""
+        """Smallest and largest height of each part along each normal, metres."""
         of_parts = [
             heights.index_select(0, self.get_buffer(f"corners_{part}"))
             for part in range(self.count)

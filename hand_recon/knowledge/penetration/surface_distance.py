@@ -1,4 +1,4 @@
-"""The point of a triangle that is nearest to a point: how deep is inside (Sec. 3.2, the d(v) of Eq. 4)."""
+"""Nearest point of a triangle, for the depth of a vertex (Sec. 3.2, d(v) of Eq. 4)."""
 
 import torch
 from jaxtyping import Float
@@ -8,10 +8,14 @@ from torch import Tensor
 def nearest_on_triangles(
     points: Float[Tensor, "*pair 3"], triangles: Float[Tensor, "*pair corner=3 3"]
 ) -> Float[Tensor, "*pair corner=3"]:
-    """Barycentric coordinates of each triangle's point nearest to the point it is paired with.
+    """Barycentric coordinates of each triangle's nearest point to the point it is paired with.
 
-    It is the foot of the perpendicular where that lies in the triangle, and else the nearest of three points,
-    one on each side. A triangle without area has its sides only.
+    The nearest point is the foot of the perpendicular if that lies in the triangle, and otherwise the nearest
+    of three points, one on each side. A triangle without area has only its sides.
+
+    Args:
+        points: One point per pair, metres.
+        triangles: One triangle per pair, metres.
     """
     origin, second, third = triangles.unbind(dim=-2)
     along, across, towards = second - origin, third - origin, points - origin
@@ -31,7 +35,7 @@ def nearest_on_triangles(
     )
     zero = torch.zeros_like(area)
     foot_area = area.clamp(min=torch.finfo(area.dtype).tiny)
-    # Each candidate is a share of the first side from the origin and one of the second.
+    # Each candidate is a share of the first side from the origin plus a share of the second.
     first = torch.stack(
         [share(on_along, squared_along), zero, 1 - opposite,
          (squared_across * on_along - skew * on_across) / foot_area]
@@ -40,7 +44,7 @@ def nearest_on_triangles(
         [zero, share(on_across, squared_across), opposite,
          (squared_along * on_across - skew * on_along) / foot_area]
     )  # fmt: skip
-    # The squared distance, up to what all candidates share.
+    # The squared distance, up to a constant that all candidates share.
     height = first * (first * squared_along + 2 * last * skew - 2 * on_along)
     height += last * (last * squared_across - 2 * on_across)
     beside = (first[3] < 0) | (last[3] < 0) | (first[3] + last[3] > 1) | (area <= 0)

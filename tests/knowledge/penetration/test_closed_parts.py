@@ -1,4 +1,4 @@
-"""The hand's surface cut into closed parts, and ways along it."""
+"""The hand's surface cut into closed parts, and geodesic distances on it."""
 
 import math
 
@@ -83,12 +83,12 @@ def test_an_open_surface_is_refused(hand: HandModel) -> None:
         NonPenetration(HandModel(torn))
 
 
-def test_ways_along_a_surface_go_around_its_corners() -> None:
+def test_geodesic_distances_go_around_the_corners_of_a_surface() -> None:
     """Two unit squares that meet at a right angle: diagonals, then edges."""
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 0, 1], [1, 1, 1.0]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]])
-    ways = geodesic_distances(points, faces)
-    assert ways[0, 2] == pytest.approx(math.sqrt(2))
-    assert ways[0, 5] == pytest.approx(1 + math.sqrt(2))
-    assert ways[3, 4] == pytest.approx(3)
-    np.testing.assert_allclose(ways, ways.T)
+    distances = geodesic_distances(points, faces)
+    assert distances[0, 2] == pytest.approx(math.sqrt(2))
+    assert distances[0, 5] == pytest.approx(1 + math.sqrt(2))
+    assert distances[3, 4] == pytest.approx(3)
+    np.testing.assert_allclose(distances, distances.T)
