@@ -1,4 +1,4 @@
-"""Projection, placement and the two cameras."""
+"""Projection, translation from raw numbers, and the conversion between cameras."""
 
 import math
 
@@ -45,7 +45,7 @@ def test_a_raw_scale_of_six_point_seven_puts_a_hand_at_sixty_centimetres() -> No
     assert_close(translation, double(0.01, -0.02, 0.6))
 
 
-def test_the_scale_is_itself_in_the_middle_and_never_a_dot_or_a_wall() -> None:
+def test_the_log_scale_is_unchanged_in_the_middle_and_bounded() -> None:
     raw = double(-1e3, 6.55, 6.7, 1e3)
     bounded = bounded_log_scale(raw)
     assert_close(bounded[[0, 1, 3]], double(5.5, 6.55, 7.6))
@@ -73,7 +73,7 @@ def test_six_numbers_always_make_a_rotation(shape: tuple[int, ...]) -> None:
     assert_close(torch.linalg.det(rotation), torch.ones(shape, dtype=torch.float64))
 
 
-def test_six_numbers_of_a_rotation_give_it_back() -> None:
+def test_six_numbers_of_a_rotation_recover_it() -> None:
     rotation = six_d_to_rotation(torch.randn(7, 6, dtype=torch.float64))
     assert_close(six_d_to_rotation(rotation[..., :2].mT.flatten(-2)), rotation)
 
@@ -116,7 +116,7 @@ def test_the_hand_stays_where_it_is_in_the_crop_under_any_camera(
 
 
 def test_a_small_hand_looks_the_same_through_a_long_lens_off_centre() -> None:
-    """A tiny object under the true camera covers the same pixels, up to its own perspective."""
+    """A small object covers the same pixels under the true camera, except for perspective effects."""
     points = torch.randn(21, 3, dtype=torch.float64) * 1e-4
     translation = double(0.05, 0.02, 0.6)[None]
     eye = torch.eye(3, dtype=torch.float64)[None]
@@ -126,5 +126,5 @@ def test_a_small_hand_looks_the_same_through_a_long_lens_off_centre() -> None:
     before = project(points[None] + translation[:, None], assumed)
     after = project(points[None] @ rotation.mT + moved[:, None], true)
     spread = (before - before.mean(dim=1, keepdim=True)).norm()
-    # The image plane stretches away from its centre: by at most the squared cosine of the ray here.
+    # The image plane stretches off its centre, here by at most the squared cosine of the ray.
     assert (after - before).norm() < 0.35 * spread

@@ -1,4 +1,4 @@
-"""Records of hands: cut into pieces and joined again, and of one crop size even without pictures."""
+"""Selection and concatenation of records, and the crop size without images."""
 
 from dataclasses import fields, replace
 
@@ -38,7 +38,7 @@ def same(first: object, second: object) -> None:
             assert a == b, field.name
 
 
-def test_a_prediction_in_pieces_is_whole_again(prediction: HandPrediction) -> None:
+def test_selected_parts_of_a_prediction_join_to_the_whole(prediction: HandPrediction) -> None:
     pieces = [prediction.select(slice(first, first + 2)) for first in (0, 2, 4)]
     assert [len(piece.landmarks_3d) for piece in pieces] == [2, 2, 1]
     joined = HandPrediction.join(pieces)
@@ -56,21 +56,19 @@ def test_an_absent_field_stays_absent(prediction: HandPrediction) -> None:
 @pytest.mark.parametrize(
     "which", [torch.tensor([3, 0, 3]), torch.tensor([True, False, True, True, False])]
 )
-def test_hands_are_chosen_in_every_field_at_once(
-    prediction: HandPrediction, which: torch.Tensor
-) -> None:
-    places = torch.arange(5)[which].tolist()
+def test_select_indexes_every_field(prediction: HandPrediction, which: torch.Tensor) -> None:
+    indices = torch.arange(5)[which].tolist()
     chosen = prediction.select(which)
     assert len(chosen.vertices) == 3
-    for position, place in enumerate(places):
-        assert torch.equal(chosen.vertices[position], prediction.vertices[place])
-        assert torch.equal(chosen.log_sigma[position], prediction.log_sigma[place])
+    for position, index in enumerate(indices):
+        assert torch.equal(chosen.vertices[position], prediction.vertices[index])
+        assert torch.equal(chosen.log_sigma[position], prediction.log_sigma[index])
         assert torch.equal(
-            chosen.parameters.joint_angles[position], prediction.parameters.joint_angles[place]
+            chosen.parameters.joint_angles[position], prediction.parameters.joint_angles[index]
         )
 
 
-def test_a_chosen_batch_knows_which_hands_it_has(batch: HandBatch) -> None:
+def test_a_selected_batch_keeps_index_and_source(batch: HandBatch) -> None:
     chosen = batch.select(torch.tensor([4, 1]))
     assert len(chosen) == 2
     assert chosen.index.tolist() == [4, 1]

@@ -53,7 +53,7 @@ class DexYcbFolder:
     unlabelled: int = 7
     """Every n-th image shows no hand and has no labels; 0 for none."""
     mano: ManoPair | None = None
-    """MANO hands, whose parameters are `pose_m` and `betas`. Without them the open hand is drawn, and `pose_m`
+    """MANO hands with parameters `pose_m` and `betas`. Without them the open hand is drawn, and `pose_m`
     holds its rotation, zeros for the pose and the wrist's position, which are no MANO parameters."""
     seed: int = 0
     """Seed of the hands."""

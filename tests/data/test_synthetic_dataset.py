@@ -1,4 +1,4 @@
-"""Claims about sets of synthetic hands on disk."""
+"""Sets of synthetic hands on disk, and FreiHAND's layout."""
 
 import json
 import pickle
@@ -65,7 +65,7 @@ def test_samples_stack_into_a_batch(training_set: SyntheticHands) -> None:
     assert batch.occluded is not None
 
 
-def test_the_number_of_workers_does_not_change_a_byte(
+def test_the_number_of_workers_does_not_change_the_images(
     training_set: SyntheticHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(image_store, "CHUNK", 3)
@@ -107,7 +107,7 @@ def test_a_finished_set_is_not_rendered_again(
     assert (hands(cache).images == training_set.images).all()
 
 
-def test_a_finished_set_leaves_no_scraps_and_tells_its_recipe(training_set: SyntheticHands) -> None:
+def test_a_finished_set_has_a_manifest_and_no_temporary_files(training_set: SyntheticHands) -> None:
     names = sorted(path.name for path in training_set.folder.iterdir())
     assert names == ["images.npy", "labels.npz", "manifest.json"]
     manifest = json.loads((training_set.folder / "manifest.json").read_text())
@@ -116,7 +116,7 @@ def test_a_finished_set_leaves_no_scraps_and_tells_its_recipe(training_set: Synt
     assert manifest["images_per_second"] > 0
 
 
-def test_another_seed_size_or_split_lives_elsewhere(cache: Path) -> None:
+def test_another_seed_size_or_split_has_another_folder(cache: Path) -> None:
     recipe = Recipe("train", level_named("medium"), SIZE, 0)
     others = [
         (Recipe("train", level_named("medium"), SIZE, 1), 6),
@@ -128,18 +128,18 @@ def test_another_seed_size_or_split_lives_elsewhere(cache: Path) -> None:
     assert len(paths) == 5
 
 
-def test_test_samples_carry_the_surface_that_their_landmarks_lie_on(cache: Path) -> None:
+def test_test_samples_have_the_vertices_of_their_landmarks(cache: Path) -> None:
     test_set = hands(cache, "test", 2)
     sample = test_set[1]
-    placed = test_set.vertices(1)
+    posed = test_set.vertices(1)
     assert sample.vertices is not None
     assert sample.landmarks_3d is not None
-    assert torch.equal(sample.vertices, placed)
+    assert torch.equal(sample.vertices, posed)
     tip = sample.landmarks_3d[8]
-    assert (placed - tip).norm(dim=1).min() < 0.008
+    assert (posed - tip).norm(dim=1).min() < 0.008
 
 
-def test_training_samples_carry_no_surface_unless_asked(
+def test_training_samples_have_no_vertices_unless_requested(
     training_set: SyntheticHands, cache: Path
 ) -> None:
     assert training_set[0].vertices is None
@@ -172,7 +172,7 @@ def freihand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def picture(path: Path) -> np.ndarray:
+def read_image(path: Path) -> np.ndarray:
     return np.asarray(cv2.imread(str(path)))
 
 
@@ -185,7 +185,7 @@ def test_freihand_files_have_their_names_counts_and_shapes(freihand: Path) -> No
     assert len(list((freihand / "training/mask").iterdir())) == 2
     assert (freihand / "training/rgb/00000007.jpg").is_file()
     assert (freihand / "evaluation/rgb/00000000.jpg").is_file()
-    assert picture(freihand / "training/rgb/00000003.jpg").shape == (224, 224, 3)
+    assert read_image(freihand / "training/rgb/00000003.jpg").shape == (224, 224, 3)
     assert read(freihand, "training_K").shape == (2, 3, 3)
     assert read(freihand, "training_xyz").shape == (2, 21, 3)
     assert read(freihand, "training_scale").shape == (2,)
@@ -195,7 +195,7 @@ def test_freihand_files_have_their_names_counts_and_shapes(freihand: Path) -> No
     assert read(freihand, "evaluation_verts").shape[0] == 1
 
 
-def test_freihand_hands_lie_in_the_picture_at_the_real_size_and_scale(freihand: Path) -> None:
+def test_freihand_hands_lie_in_the_image_at_the_real_size_and_scale(freihand: Path) -> None:
     K, xyz = read(freihand, "training_K"), read(freihand, "training_xyz")
     points = np.einsum("nij,npj->npi", K, xyz)
     pixels = points[..., :2] / points[..., 2:]
@@ -215,12 +215,12 @@ def test_freihand_mano_row_puts_the_root_where_it_is(freihand: Path) -> None:
 
 
 def test_freihand_versions_differ_only_outside_the_hand(freihand: Path) -> None:
-    mask = picture(freihand / "training/mask/00000001.jpg")[..., 0] > 150
-    first, second = (picture(freihand / f"training/rgb/{i:08d}.jpg").astype(int) for i in (1, 3))
+    mask = read_image(freihand / "training/mask/00000001.jpg")[..., 0] > 150
+    first, second = (read_image(freihand / f"training/rgb/{i:08d}.jpg").astype(int) for i in (1, 3))
     difference = np.abs(first - second).mean(axis=2)
     assert difference[~mask].mean() > 3 * difference[mask].mean()
 
 
-def test_a_root_that_has_pictures_is_not_overwritten(freihand: Path) -> None:
+def test_a_root_that_has_images_is_not_overwritten(freihand: Path) -> None:
     with pytest.raises(FileExistsError, match="training"):
         write_freihand_layout(freihand, FreiHandFolder(unique=1, evaluation=0))

@@ -1,4 +1,4 @@
-"""Claims about the poses of synthetic hands."""
+"""Natural and unnatural poses of synthetic hands."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from hand_recon.hand.skeleton import ARTICULATED
 HINGES = [i for i, name in enumerate(ARTICULATED) if name.endswith(("PIP", "DIP"))]
 
 
-def test_library_has_at_least_sixty_gestures_with_names_of_their_own() -> None:
+def test_the_library_has_at_least_sixty_gestures_with_unique_names() -> None:
     names = [gesture.name for gesture in gesture_library()]
     assert len(names) >= 60
     assert len(set(names)) == len(names)
@@ -67,7 +67,7 @@ def test_parallel_capsules_of_known_radius_overlap_by_hand() -> None:
     assert deepest_overlap(landmarks) == pytest.approx(0.006, abs=1e-9)
 
 
-def test_natural_samples_rarely_run_into_themselves() -> None:
+def test_natural_samples_rarely_penetrate_themselves() -> None:
     model = open_hand()
     poses = np.stack([sample_pose(np.random.default_rng(seed)) for seed in range(200)])
     with torch.no_grad():
@@ -78,7 +78,7 @@ def test_natural_samples_rarely_run_into_themselves() -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_an_unnatural_pose_differs_from_nature_where_it_says(kind: str) -> None:
+def test_an_unnatural_pose_has_the_error_of_its_kind(kind: str) -> None:
     pose = sample_unnatural_pose(np.random.default_rng(3), kind)
     degrees = np.degrees(pose.joint_angles)
     own = degrees[[i for i, name in enumerate(ARTICULATED) if name.startswith(pose.finger)]]
@@ -93,6 +93,6 @@ def test_an_unnatural_pose_differs_from_nature_where_it_says(kind: str) -> None:
     assert worst[kind]
 
 
-def test_unknown_kinds_are_refused_by_name() -> None:
+def test_an_unknown_kind_is_named() -> None:
     with pytest.raises(ValueError, match="melted"):
         sample_unnatural_pose(np.random.default_rng(0), "melted")

@@ -1,4 +1,4 @@
-"""Claims about single pictures of synthetic hands."""
+"""Single synthetic images: labels, occlusion, light and projection."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def recipe(split: str = "train", level: str = "easy", seed: int = 0, size: int =
     return Recipe(split, level_named(level), size, seed)
 
 
-def test_the_same_index_gives_the_same_picture() -> None:
+def test_the_same_index_gives_the_same_image() -> None:
     first, second = (synthetic_hand(recipe(level="hard"), 5) for _ in range(2))
     assert (first.image == second.image).all()
     np.testing.assert_array_equal(first.landmarks_2d, second.landmarks_2d)
@@ -47,7 +47,7 @@ def test_the_hand_does_not_depend_on_the_resolution() -> None:
 
 
 @pytest.mark.parametrize("level", sorted(DIFFICULTIES))
-def test_test_labels_are_the_projections_of_the_truth(level: str) -> None:
+def test_test_labels_are_the_projections_of_the_ground_truth(level: str) -> None:
     hand = synthetic_hand(recipe("test", level), 3)
     points = hand.landmarks_3d.astype(float) @ hand.intrinsics.T
     np.testing.assert_allclose(hand.landmarks_2d, points[:, :2] / points[:, 2:], atol=1e-9)
@@ -72,7 +72,7 @@ def test_easy_hands_show_the_palm_with_fingers_up() -> None:
         assert (view.root_rotation @ [-1.0, 0.0, 0.0])[1] < 0
 
 
-def test_facing_is_a_rotation_that_turns_the_palm_to_the_camera() -> None:
+def test_facing_is_the_rotation_that_points_the_palm_to_the_camera() -> None:
     assert np.linalg.det(FACING) == pytest.approx(1)
     np.testing.assert_allclose(FACING @ [0.0, -1.0, 0.0], [0.0, 0.0, -1.0])
     np.testing.assert_allclose(FACING @ [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0])
@@ -109,7 +109,7 @@ def test_a_fist_hides_its_tips_from_behind_and_not_from_the_front() -> None:
     assert not hidden["behind"][[LANDMARKS.index(f"{f} MCP") for f in ("index", "middle")]].any()
 
 
-def test_label_noise_has_the_deviation_it_claims() -> None:
+def test_label_noise_has_its_stated_deviation() -> None:
     level = replace(DIFFICULTIES["hard"], missing=0.0)
     depth = np.where(np.arange(21) % 2 == 0, -0.01, 0.02)
     random, clean = np.random.default_rng(0), np.zeros((21, 2))
@@ -138,14 +138,14 @@ def test_other_appearances_show_the_same_hand_before_another_background() -> Non
 
 
 def test_normals_of_a_box_and_a_ball_point_outwards() -> None:
-    turn = np.linspace(-np.pi / 2, np.pi / 2, 9)
-    ball = revolved(np.stack([np.cos(turn), np.sin(turn)], axis=1))
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    ball = revolved(np.stack([np.cos(angles), np.sin(angles)], axis=1))
     for solid in (box(np.array([1.0, 2.0, 3.0])), ball):
         normals = vertex_normals(solid.vertices, solid.faces)
         assert ((normals * solid.vertices).sum(axis=1) > -1e-9).all()
 
 
-def test_the_sky_is_open_over_a_ball_and_closed_inside_a_box() -> None:
+def test_the_sky_is_visible_on_top_of_a_box_and_not_inside_it() -> None:
     solid = box(np.array([0.02, 0.02, 0.02]))
     scene = RayScene(solid.vertices, solid.faces)
     outwards = np.array([[0.0, 0.0, 1.0]])
@@ -160,7 +160,7 @@ def test_projection_agrees_with_a_hand_computed_pixel() -> None:
     )
 
 
-def test_impossible_recipes_are_refused() -> None:
+def test_invalid_recipes_are_refused() -> None:
     with pytest.raises(ValueError, match="Unknown split 'all'"):
         recipe("all")
     with pytest.raises(ValueError, match="Unknown level 'extreme'"):

@@ -1,4 +1,4 @@
-"""Claims about landmarks without pictures: the labels of the pictures, noisy everywhere, and upright."""
+"""Landmarks without images: the same labels as with images, noisy in every split, and upright."""
 
 import json
 from dataclasses import fields, replace
@@ -38,7 +38,7 @@ def detected(cache: Path) -> SyntheticHands:
 
 @pytest.fixture(scope="module")
 def stored(detected: SyntheticHands) -> dict[str, np.ndarray]:
-    """Labels as they are on disk: before crops are cut about them."""
+    """Labels on disk, before the upright crops."""
     with np.load(detected.folder / "labels.npz") as archive:
         return {name: archive[name] for name in archive.files}
 
@@ -47,38 +47,38 @@ NAMES = [field.name for field in fields(SyntheticView)]
 
 
 @pytest.mark.parametrize("split", ["train", "test"])
-def test_a_view_is_its_picture_without_the_pixels(split: str) -> None:
+def test_a_view_has_the_labels_of_its_image(split: str) -> None:
     recipe = Recipe(split, level_named("hard"), 48, 3)
-    picture, view = synthetic_hand(recipe, 5), synthetic_view(recipe, 5)
+    hand, view = synthetic_hand(recipe, 5), synthetic_view(recipe, 5)
     for name in NAMES:
-        np.testing.assert_array_equal(getattr(view, name), getattr(picture, name), name)
+        np.testing.assert_array_equal(getattr(view, name), getattr(hand, name), name)
 
 
 @pytest.mark.parametrize("split", ["train", "val", "test"])
-def test_only_test_pictures_have_labels_without_noise(split: str) -> None:
+def test_only_test_images_have_labels_without_noise(split: str) -> None:
     recipe = Recipe(split, level_named("hard"), 224, 0)
-    of_picture, alone = (
+    with_image, alone = (
         synthetic_view(recipe, 2),
         synthetic_view(replace(recipe, pictures=False), 2),
     )
     differing = {
         name
         for name in NAMES
-        if not np.array_equal(getattr(of_picture, name), getattr(alone, name), equal_nan=True)
+        if not np.array_equal(getattr(with_image, name), getattr(alone, name), equal_nan=True)
     }
     assert differing == (
         {"landmarks_2d", "label_noise", "confidence"} if split == "test" else set()
     )
     assert (alone.label_noise >= 2).all()
     if split == "test":
-        assert of_picture.labelled.all()
+        assert with_image.labelled.all()
         assert alone.labelled.all()  # By chance: this hand misses no landmark.
-        assert (of_picture.label_noise == 0).all()
-        assert (of_picture.confidence == 1).all()
+        assert (with_image.label_noise == 0).all()
+        assert (with_image.confidence == 1).all()
 
 
-def test_residuals_have_the_noise_that_is_told(detected: SyntheticHands) -> None:
-    """Over 6,000 coordinates, one standard deviation; a tenth of a pixel of bias would be seen."""
+def test_residuals_have_the_stated_noise(detected: SyntheticHands) -> None:
+    """Over about 6,000 coordinates; a bias of a tenth of a pixel would be seen."""
     batch = detected.batch(list(range(SIZE)))
     assert batch.landmarks_3d is not None
     assert batch.intrinsics is not None
@@ -90,7 +90,7 @@ def test_residuals_have_the_noise_that_is_told(detected: SyntheticHands) -> None
     assert float(residual.mean()) == pytest.approx(0.0, abs=0.03)
 
 
-def test_confidence_falls_with_the_noise_but_knows_no_outlier(
+def test_confidence_falls_with_the_noise_but_not_for_outliers(
     stored: dict[str, np.ndarray],
 ) -> None:
     noise, confidence = stored["label_noise"].ravel(), stored["confidence"].ravel()
@@ -99,7 +99,7 @@ def test_confidence_falls_with_the_noise_but_knows_no_outlier(
     ranks = [np.argsort(np.argsort(values)) for values in (noise[~outlier], confidence[~outlier])]
     centred = [rank - rank.mean() for rank in ranks]
     assert (centred[0] * centred[1]).mean() / (ranks[0].std() * ranks[1].std()) < -0.6
-    # Half sure at 5 px, whatever the detector then misjudges.
+    # The confidence is ½ at 5 px; errors of the detector's estimate average out.
     near = confidence[np.abs(noise - 5) < 0.5]
     assert np.median(near) == pytest.approx(0.5, abs=0.06)
     assert np.median(confidence[outlier]) == pytest.approx(np.median(confidence), abs=0.15)
@@ -126,13 +126,13 @@ def test_views_lie_upright_in_the_middle_of_their_crops(detected: SyntheticHands
             assert float((knuckles.mean(dim=0) - wrist)[0]) == pytest.approx(0, abs=0.01)
 
 
-def test_the_truth_turns_with_its_crop(detected: SyntheticHands) -> None:
-    places = torch.arange(SIZE)
-    placed = open_hand().to_camera(detected.parameters(places))
-    torch.testing.assert_close(placed.landmarks, detected.landmarks_3d, atol=2e-6, rtol=0)
-    batch = detected.batch(places.tolist())
+def test_the_ground_truth_rotates_with_its_crop(detected: SyntheticHands) -> None:
+    indices = torch.arange(SIZE)
+    posed = open_hand().to_camera(detected.parameters(indices))
+    torch.testing.assert_close(posed.landmarks, detected.landmarks_3d, atol=2e-6, rtol=0)
+    batch = detected.batch(indices.tolist())
     assert batch.vertices is not None
-    torch.testing.assert_close(placed.vertices, batch.vertices, atol=2e-6, rtol=0)
+    torch.testing.assert_close(posed.vertices, batch.vertices, atol=2e-6, rtol=0)
 
 
 def same(first: HandBatch, second: HandBatch) -> None:
@@ -151,7 +151,7 @@ def test_a_batch_is_its_samples_stacked(cache: Path, split: str, *, pictures: bo
     same(dataset.batch([3, 0, 4]), collate([dataset[3], dataset[0], dataset[4]]))
 
 
-def test_there_is_no_picture_on_disk_and_none_in_a_sample(detected: SyntheticHands) -> None:
+def test_there_is_no_image_on_disk_and_none_in_a_sample(detected: SyntheticHands) -> None:
     names = sorted(path.name for path in detected.folder.iterdir())
     assert names == ["labels.npz", "manifest.json"]
     assert detected.folder.name.startswith(f"synthetic_hard_test_{SIZE}_views")
@@ -162,16 +162,16 @@ def test_there_is_no_picture_on_disk_and_none_in_a_sample(detected: SyntheticHan
     assert detected.batch([0, 1]).crop_size == 224
 
 
-def test_no_picture_is_painted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_image_is_rendered(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object) -> None:
-        raise AssertionError("painted")
+        raise AssertionError("rendered")
 
     monkeypatch.setattr(image_store, "synthetic_hand", never)
     monkeypatch.setattr("hand_recon.data.synthetic.scene.render_image", never)
     assert len(hands(cache, "train", 3)) == 3
 
 
-def test_views_and_pictures_of_one_recipe_live_apart(cache: Path) -> None:
+def test_views_and_images_of_one_recipe_have_different_folders(cache: Path) -> None:
     recipes = [
         Recipe("train", level_named("hard"), 224, 0, pictures=which) for which in (True, False)
     ]
@@ -192,7 +192,7 @@ def test_loaders_ask_for_whole_batches(cache: Path, monkeypatch: pytest.MonkeyPa
     assert data.name == "views"
     assert [len(batch) for batch in batches] == [4, 4, 4]
     assert torch.cat([batch.index for batch in batches]).sort().values.tolist() == list(range(12))
-    truth = data.train_ground_truth(5)
-    assert truth is not None
-    assert truth[0].shape == (5, 21, 3)
-    assert truth[1] is not None
+    ground_truth = data.train_ground_truth(5)
+    assert ground_truth is not None
+    assert ground_truth[0].shape == (5, 21, 3)
+    assert ground_truth[1] is not None

@@ -1,4 +1,4 @@
-"""Bend, splay and twist: what they mean, and that they come back."""
+"""Directions of bend, splay and twist, and round trips between angles and rotations."""
 
 import math
 
@@ -18,10 +18,10 @@ from hand_recon.hand.model import HandModel
 
 def _about(axis: int, angle: float) -> torch.Tensor:
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = torch.eye(3, dtype=torch.float64)
-    turn[first, first] = turn[second, second] = math.cos(angle)
-    turn[second, first], turn[first, second] = math.sin(angle), -math.sin(angle)
-    return turn
+    matrix = torch.eye(3, dtype=torch.float64)
+    matrix[first, first] = matrix[second, second] = math.cos(angle)
+    matrix[second, first], matrix[first, second] = math.sin(angle), -math.sin(angle)
+    return matrix
 
 
 def test_the_rotation_is_splay_then_twist_then_bend_written_out() -> None:

@@ -10,7 +10,7 @@ from tests.support.views import known_hands, views
 ORDERS = sorted(LANDMARK_ORDERS)
 
 
-@pytest.fixture(scope="module", params=["space", "picture"])
+@pytest.fixture(scope="module", params=["space", "image"])
 def points(request: pytest.FixtureRequest, hand: HandModel) -> np.ndarray:
     """Forty hands in FreiHAND's order."""
     torch.manual_seed(3)
@@ -21,7 +21,7 @@ def points(request: pytest.FixtureRequest, hand: HandModel) -> np.ndarray:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_every_order_is_told_from_the_points(points: np.ndarray, order: str) -> None:
+def test_every_order_is_detected_from_the_points(points: np.ndarray, order: str) -> None:
     written = points[:, landmark_permutation("freihand", order)]
     sums = bone_sums(written)
     assert min(sums, key=lambda name: float(sums[name].mean())) == order
@@ -30,12 +30,12 @@ def test_every_order_is_told_from_the_points(points: np.ndarray, order: str) -> 
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_the_order_that_is_right_is_left_alone(points: np.ndarray, order: str) -> None:
+def test_the_correct_order_is_not_reported(points: np.ndarray, order: str) -> None:
     written = points[:, landmark_permutation("freihand", order)]
     assert better_order(written, order) is None
 
 
-def test_noise_of_a_detector_raises_no_alarm(points: np.ndarray) -> None:
+def test_detector_noise_is_not_reported(points: np.ndarray) -> None:
     rng = np.random.default_rng(0)
     size = np.linalg.norm(np.ptp(points, axis=1), axis=-1)[:, None, None]
     for share in (0.02, 0.05, 0.1):
@@ -50,15 +50,15 @@ def test_the_sum_is_that_of_the_bones_over_the_hand() -> None:
     assert bone_sums(line)["freihand"].tolist() == pytest.approx([bones / 20])
 
 
-def test_too_few_complete_hands_say_nothing(points: np.ndarray) -> None:
+def test_too_few_complete_hands_give_no_result(points: np.ndarray) -> None:
     written = points[:, landmark_permutation("freihand", "rhd")].copy()
     written[FEWEST - 1 :, 3] = np.nan
     assert better_order(written) is None
     assert better_order(points[:, landmark_permutation("freihand", "rhd")]) == "rhd"
 
 
-def test_a_few_hands_that_look_otherwise_do_not_outvote_the_others(points: np.ndarray) -> None:
-    # Two thirds written from tip to base: shorter so on average, but not for every third hand.
+def test_a_minority_of_hands_does_not_change_the_result(points: np.ndarray) -> None:
+    # Two thirds of the hands are reversed: shorter on average in that order, but not for a third of them.
     written = points[:, landmark_permutation("freihand", "rhd")].copy()
     written[::3] = points[::3]
     sums = bone_sums(written)

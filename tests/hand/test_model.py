@@ -1,4 +1,4 @@
-"""The hand model against a twin written joint by joint, and its invariances."""
+"""The hand model against a slow reference, and its invariances."""
 
 import copy
 from dataclasses import replace
@@ -60,12 +60,12 @@ def euler(angles: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def hand64(hand: HandModel) -> HandModel:
-    """In double precision, and exact in it, as the asset in single precision cannot be."""
+    """The open hand in double precision, with frames and weights made exact."""
     return polished(copy.deepcopy(hand).double())
 
 
 def polished(hand: HandModel) -> HandModel:
-    """The same hand with exact rotations for frames and weights that sum to one."""
+    """Copy with exactly orthonormal frames and weights that sum exactly to one."""
     left, _, right = torch.linalg.svd(hand.frames)
     hand.frames = left @ right
     hand.skinning_weights = hand.skinning_weights / hand.skinning_weights.sum(dim=1, keepdim=True)
@@ -140,15 +140,15 @@ def test_a_finger_moves_no_other_finger(hand64: HandModel) -> None:
     assert moved[LANDMARKS.index("ring tip")] > 0.05
 
 
-def test_placement_turns_about_the_middle_mcp_and_then_shifts(hand64: HandModel) -> None:
+def test_to_camera_rotates_about_the_middle_mcp_and_then_translates(hand64: HandModel) -> None:
     angles, shape = pose((3,))
     rotation = six_d_to_rotation(torch.randn(3, 6, dtype=torch.float64))
     translation = torch.randn(3, 3, dtype=torch.float64)
-    placed = hand64.to_camera(HandParameters(angles, shape, rotation, translation))
-    assert_close(placed.joints[:, ROOT_JOINT], translation)
+    posed = hand64.to_camera(HandParameters(angles, shape, rotation, translation))
+    assert_close(posed.joints[:, ROOT_JOINT], translation)
     own = hand64(angles, shape)
     assert_close(
-        placed.vertices, torch.einsum("bxy,bvy->bvx", rotation, own.vertices) + translation[:, None]
+        posed.vertices, torch.einsum("bxy,bvy->bvx", rotation, own.vertices) + translation[:, None]
     )
 
 
@@ -171,11 +171,11 @@ def test_an_unknown_landmark_set_is_refused_with_the_known_ones() -> None:
 
 
 def test_a_mirrored_hand_poses_as_the_mirror_image(hand64: HandModel) -> None:
-    """Bend is the same on both hands when frames are mirrored; splay and twist axes flip with z."""
+    """Mirrored frames keep the sign of bend; splay and twist change theirs."""
     asset = load_open_hand()
     mirror = torch.diag(torch.tensor([1.0, 1.0, -1.0]))
-    # A mirrored frame is left-handed; turning its twist and splay axes round makes it right-handed
-    # again, and with it the signs of bend stay while those of the flipped axes change.
+    # A mirrored frame is left-handed; reversing its twist and splay axes makes it right-handed again.
+    # Bend then keeps its sign, and the angles about the reversed axes change theirs.
     flip = torch.diag(torch.tensor([1.0, 1.0, -1.0]))
     left = HandModel(
         replace(
@@ -200,7 +200,7 @@ def test_a_mirrored_hand_poses_as_the_mirror_image(hand64: HandModel) -> None:
 def test_the_hand_of_its_landmarks_has_them_and_their_gradients(
     landmarks: str, shape: tuple[int, ...]
 ) -> None:
-    """A tenth of the vertices give the same landmarks, to the last bit but one."""
+    """About a tenth of the vertices give the same landmarks up to rounding."""
     whole = HandModel(load_open_hand(), landmarks).double()
     light = whole.landmarks_only()
     results = []

@@ -1,4 +1,4 @@
-"""The open hand's mesh is clean, its shapes are hands, and its proportions are anatomy's."""
+"""The open hand's mesh, shapes and proportions against anthropometry."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -16,11 +16,11 @@ from hand_recon.hand.skeleton import FINGERS, JOINT_OF_LANDMARK, JOINTS, LANDMAR
 
 ASSET = load_open_hand()
 INSIDE = 0.9
-"""Winding numbers are near a half on the surface; another part of the hand on top adds one."""
+"""Bound on the winding number: it is near ½ on the surface, and a penetrating part adds one."""
 
 
 def _capped(asset: HandAsset, vertices: torch.Tensor) -> trimesh.Trimesh:
-    """The mesh with a fan over the wrist."""
+    """Mesh closed by a fan of triangles over the wrist."""
     ring = asset.wrist_ring
     centre = vertices[ring].mean(dim=0, keepdim=True)
     fan = torch.stack([ring, ring.roll(-1), torch.full_like(ring, len(vertices))], dim=1)
@@ -29,7 +29,7 @@ def _capped(asset: HandAsset, vertices: torch.Tensor) -> trimesh.Trimesh:
 
 
 def _winding_numbers(mesh: trimesh.Trimesh, points: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Solid angle of the mesh over 4π, by van Oosterom and Strackee's formula."""
+    """Winding number: solid angle of the mesh over 4π (van Oosterom and Strackee)."""
     a, b, c = np.moveaxis(mesh.triangles - points[:, None, None], 2, 0)
     la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
     volume = (a * np.cross(b, c)).sum(-1)
@@ -90,14 +90,14 @@ def test_skinning_weights_are_shares_of_at_most_four_joints() -> None:
     assert int((weights > 0).sum(dim=1).max()) <= 4
 
 
-def test_no_fingers_skin_follows_another_finger() -> None:
+def test_no_vertex_of_a_finger_has_weight_of_another_finger() -> None:
     per_finger = ASSET.skinning_weights[:, 1:].reshape(778, 5, 3)
     own = per_finger[:, :, 1:].sum(dim=-1) > 0.5
     others = per_finger.sum(dim=-1).masked_fill(own, 0.0)
     assert float(others[own.any(dim=1)].max()) == 0
 
 
-def test_the_hand_stands_in_manos_axes() -> None:
+def test_the_hand_has_manos_axes() -> None:
     points = open_hand().landmarks_of(ASSET.template, ASSET.joints)
     knuckle, tip = LANDMARKS.index("middle MCP"), LANDMARKS.index("middle tip")
     assert float(points[tip, 0]) < float(points[knuckle, 0]) < 0
@@ -169,12 +169,12 @@ def test_no_shape_penetrates_itself_at_three_standard_deviations(
 def test_shape_directions_are_orthogonal_and_ordered_by_meaning() -> None:
     flat = ASSET.shape_directions.reshape(-1, 10).double()
     flat = flat / flat.norm(dim=0)
-    # The build makes them orthogonal on the finer source mesh; decimation blurs that a little.
+    # They are orthogonal on the finer source mesh, and only nearly so after decimation.
     assert float((flat.T @ flat - torch.eye(10, dtype=flat.dtype)).abs().max()) < 0.25
 
 
 def test_hand_length_varies_as_among_adults(hand: HandModel) -> None:
-    """Standard deviations of 9 to 13 mm in adults of both sexes together; unit coefficients."""
+    """Hand length of adults of both sexes has a standard deviation of 9 to 13 mm."""
     shapes = torch.cat([0.5 * torch.eye(10), -0.5 * torch.eye(10)])
     vertices, joints = hand.rest(shapes)
     tips = hand.landmarks_of(vertices, joints)[:, LANDMARKS.index("middle tip")]

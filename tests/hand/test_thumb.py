@@ -1,4 +1,4 @@
-"""The thumb does what thumbs do, and nothing else: Kapandji's opposition test (1986) as a search."""
+"""Range of the thumb: Kapandji's opposition test (1986) as an optimisation."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from hand_recon.hand.skeleton import ARTICULATED, JOINTS, LANDMARKS
 from hand_recon.knowledge.ranges import load_ranges
 
 CONTACT = 0.010
-"""Pads closer than this touch: skin and pulp give by several millimetres, which the mesh does not."""
+"""Largest distance of touching pads, metres; real pads deform by several millimetres, the mesh does not."""
 
 HAND = open_hand()
 RANGES = load_ranges("literature")
@@ -20,18 +20,18 @@ RANGES = load_ranges("literature")
 
 @dataclass(frozen=True)
 class Search:
-    """The best pose found."""
+    """Best pose of the search."""
 
     distance: float
-    """From the thumb's pad to the target, metres."""
+    """Distance from the thumb's pad to the target, metres."""
     facing: float
-    """Cosine between the two outward normals: −1 when pad lies on pad."""
+    """Cosine between the two outward normals; −1 for pads that face each other."""
     joint_angles: Tensor
-    """Radians."""
+    """Joint angles, radians."""
 
 
 def _pad(finger: str) -> int:
-    """The vertex in the middle of the pulp of a finger: palmar, 8 mm short of its end."""
+    """Vertex in the middle of a finger's pad: palmar, 8 mm from its tip."""
     joint = JOINTS.index(f"{finger} IP" if finger == "thumb" else f"{finger} DIP")
     frame = HAND.frames[joint - 1]
     tip = HAND.landmarks_of(HAND.template, HAND.joints_template)[LANDMARKS.index(f"{finger} tip")]
@@ -42,7 +42,7 @@ def _pad(finger: str) -> int:
 
 
 def _skin_near(joint: str, distal: float, palmar: float) -> int:
-    """The vertex at some distance from a rotation centre along its segment's axes, metres."""
+    """Vertex nearest to an offset from a rotation centre along its segment's axes, metres."""
     index = JOINTS.index(joint)
     frame = HAND.frames[index - 1]
     target = HAND.joints_template[index] - distal * frame[:, 0] - palmar * frame[:, 1]
@@ -50,7 +50,7 @@ def _skin_near(joint: str, distal: float, palmar: float) -> int:
 
 
 def _normal(vertices: Tensor, vertex: int) -> Tensor:
-    """Outward, from the triangles around one vertex."""
+    """Outward normal of the triangles around a vertex."""
     corners = vertices[..., HAND.faces[(HAND.faces == vertex).any(dim=-1)], :]
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     return torch.nn.functional.normalize(torch.linalg.cross(first, second).sum(dim=-2), dim=-1)
@@ -59,7 +59,7 @@ def _normal(vertices: Tensor, vertex: int) -> Tensor:
 def _reach(
     target: int, partner: str | None, max_bend: float = math.pi, face: float = 0.010
 ) -> Search:
-    """Bring the thumb's pad as near to a vertex as the ranges allow, with one finger to meet it.
+    """Bring the thumb's pad as near to a vertex as the ranges allow, while one finger bends towards it.
 
     Args:
         target: The vertex to touch.
@@ -92,7 +92,7 @@ def _reach(
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "little"])
-def test_the_thumbs_pad_meets_the_pad_of_every_fingertip(finger: str) -> None:
+def test_the_thumbs_pad_touches_the_pad_of_every_fingertip(finger: str) -> None:
     """Kapandji's stages 3 to 6."""
     found = _reach(_pad(finger), finger)
     assert RANGES.contains(found.joint_angles)
@@ -120,7 +120,7 @@ def test_the_thumb_cannot_reach_the_back_of_the_hand(
 
 
 def test_the_thumb_stays_on_its_side_of_the_little_finger() -> None:
-    """Its tip gets no farther than the ulnar edge of the palm."""
+    """The tip reaches no farther than the ulnar edge of the palm."""
     edge = HAND.template[HAND.skinning_weights[:, 0] > 0.5, 2].min() - HAND.joints_template[4, 2]
     random = torch.rand(2000, 15, 3, generator=torch.Generator().manual_seed(1))
     angles = RANGES.lower + (RANGES.upper - RANGES.lower) * random
@@ -128,7 +128,7 @@ def test_the_thumb_stays_on_its_side_of_the_little_finger() -> None:
     assert tips[:, 2].min() > edge - CONTACT
 
 
-def test_bending_the_thumbs_base_carries_its_tip_across_the_palm() -> None:
+def test_bending_the_cmc_moves_the_tip_across_the_palm() -> None:
     rest, bent = HAND.neutral_angles(), HAND.neutral_angles()
     bent[ARTICULATED.index("thumb CMC"), 0] = 0.5
     tip = LANDMARKS.index("thumb tip")
@@ -136,7 +136,7 @@ def test_bending_the_thumbs_base_carries_its_tip_across_the_palm() -> None:
     assert moved[2] < -0.03
 
 
-def test_splaying_the_thumbs_base_lifts_its_tip_in_front_of_the_palm() -> None:
+def test_splaying_the_cmc_moves_the_tip_in_front_of_the_palm() -> None:
     rest, splayed = HAND.neutral_angles(), HAND.neutral_angles()
     splayed[ARTICULATED.index("thumb CMC"), 1] = 0.3
     tip = LANDMARKS.index("thumb tip")
@@ -146,7 +146,7 @@ def test_splaying_the_thumbs_base_lifts_its_tip_in_front_of_the_palm() -> None:
     assert moved[1] < -0.015
 
 
-def test_the_thumbs_neutral_stands_as_the_trapezium_does() -> None:
+def test_the_thumbs_neutral_is_aligned_with_the_trapezium() -> None:
     """48° of flexion and 38° of abduction from the third metacarpal, Cooney et al. 1981."""
     posed = HAND(HAND.neutral_angles(), torch.zeros(10))
     third = torch.nn.functional.normalize(posed.joints[4] - posed.joints[0], dim=0)

@@ -1,4 +1,4 @@
-"""Shaded meshes land where the projection says."""
+"""Shaded meshes cover the pixels of their projection."""
 
 import numpy as np
 import trimesh
@@ -19,7 +19,7 @@ def test_a_ball_covers_the_disc_that_it_projects_to() -> None:
     assert abs(shaded.coverage.sum() / (np.pi * radius**2) - 1) < 0.08
 
 
-def test_what_the_mesh_does_not_cover_keeps_the_background() -> None:
+def test_pixels_outside_the_mesh_keep_the_background() -> None:
     ball = trimesh.creation.icosphere(radius=0.02)
     background = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
     shaded = shade(ball.vertices + np.array([0, 0, 0.6]), ball.faces, INTRINSICS, 64)
@@ -31,15 +31,15 @@ def test_what_the_mesh_does_not_cover_keeps_the_background() -> None:
 
 def test_from_the_side_depth_becomes_width() -> None:
     box = trimesh.creation.box(extents=(0.02, 0.05, 0.2))
-    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
-    rows, columns = np.nonzero((picture < 255).any(axis=-1))
+    image = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
+    rows, columns = np.nonzero((image < 255).any(axis=-1))
     assert np.ptp(columns) > 3 * np.ptp(rows)
     assert 50 < np.ptp(columns) <= 64
 
 
-def test_from_the_side_a_mesh_seen_end_on_stays_inside_the_picture() -> None:
+def test_from_the_side_a_mesh_seen_end_on_stays_inside_the_image() -> None:
     box = trimesh.creation.box(extents=(0.2, 0.02, 0.02))
-    picture = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
-    border = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    image = from_the_side(box.vertices + np.array([0, 0, 0.6]), box.faces, 64)
+    border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
     assert (border == 255).all()
-    assert (picture < 255).any()
+    assert (image < 255).any()

@@ -1,4 +1,4 @@
-"""A download becomes two files of numbers, is recognised when it is something else, and loses nothing."""
+"""Conversion of MANO downloads: exact arrays, errors for other files, no overwriting."""
 
 import hashlib
 import os
@@ -28,7 +28,7 @@ def zipped(path: Path, entries: dict[str, bytes]) -> Path:
 
 
 def release(path: Path) -> Path:
-    """An archive with the layout of MANO's download."""
+    """Archive with the layout of MANO's download."""
     return zipped(
         path,
         {
@@ -47,7 +47,7 @@ def changed(**changes: object) -> bytes:
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_every_array_arrives_to_the_last_bit(side: str, tmp_path: Path) -> None:
+def test_every_array_is_stored_exactly(side: str, tmp_path: Path) -> None:
     source = tmp_path / f"MANO_{side.upper()}.pkl"
     expected = write_mano_pickle(source, side)
     (path,) = prepare_mano(source, tmp_path / "mano")
@@ -59,7 +59,7 @@ def test_every_array_arrives_to_the_last_bit(side: str, tmp_path: Path) -> None:
     assert file.source_sha256 == hashlib.sha256(source.read_bytes()).hexdigest()
 
 
-def test_both_hands_come_out_of_the_archive_and_nothing_else_is_written(tmp_path: Path) -> None:
+def test_both_hands_of_the_archive_are_written_and_nothing_else(tmp_path: Path) -> None:
     source = release(tmp_path / "mano_v1_2.zip")
     paths = prepare_mano(source, tmp_path / "deep" / "mano")
     assert [path.name for path in paths] == [file_name("right"), file_name("left")]
@@ -67,7 +67,7 @@ def test_both_hands_come_out_of_the_archive_and_nothing_else_is_written(tmp_path
     assert written == sorted([source, *paths])
 
 
-def test_the_wrists_ring_closes_the_surface_with_faces_outwards(tmp_path: Path) -> None:
+def test_a_cap_on_the_wrist_ring_closes_the_surface_with_faces_outwards(tmp_path: Path) -> None:
     prepare_mano(release(tmp_path / "mano.zip"), tmp_path)
     for side in ("right", "left"):
         arrays = read_mano(tmp_path, side).arrays
@@ -84,13 +84,13 @@ def test_the_wrists_ring_closes_the_surface_with_faces_outwards(tmp_path: Path) 
 
 
 def test_the_ring_is_the_one_that_others_list_for_mano() -> None:
-    """In the order in which they fan it; where it begins means nothing."""
+    """Vertices in the order around the ring; the starting vertex is arbitrary."""
     ring = convert_pickle(mano_pickle(mano_arrays()), "MANO_RIGHT.pkl").arrays.wrist_ring.tolist()
     begin = ring.index(RING_IDS[0])
     assert tuple(ring[begin:] + ring[:begin]) == RING_IDS
 
 
-def test_faces_that_point_inwards_are_turned() -> None:
+def test_faces_that_point_inwards_are_reversed() -> None:
     arrays = mano_arrays()
     as_usual = convert_pickle(mano_pickle(arrays), "MANO_RIGHT.pkl").arrays
     inwards = convert_pickle(changed(f=arrays["f"][:, ::-1].copy()), "MANO_RIGHT.pkl").arrays
@@ -98,7 +98,7 @@ def test_faces_that_point_inwards_are_turned() -> None:
     np.testing.assert_array_equal(inwards.wrist_ring, as_usual.wrist_ring)
 
 
-def test_the_side_is_told_by_the_fingers_when_the_name_says_nothing() -> None:
+def test_without_a_side_in_the_name_the_fingers_decide() -> None:
     assert convert_pickle(mano_pickle(mano_arrays("left")), "hand.pkl").side == "left"
     assert convert_pickle(mano_pickle(mano_arrays("right")), "hand.pkl").side == "right"
 
@@ -138,7 +138,7 @@ def test_converting_again_changes_nothing(tmp_path: Path) -> None:
     assert [(path.stat().st_ino, path.stat().st_mtime_ns) for path in paths] == before
 
 
-def test_another_hand_never_replaces_the_one_that_is_there(tmp_path: Path) -> None:
+def test_an_existing_file_of_another_hand_is_not_overwritten(tmp_path: Path) -> None:
     source, other = tmp_path / "MANO_RIGHT.pkl", tmp_path / "other_right.pkl"
     write_mano_pickle(source)
     write_mano_pickle(other, seed=1)
@@ -149,7 +149,7 @@ def test_another_hand_never_replaces_the_one_that_is_there(tmp_path: Path) -> No
     assert path.read_bytes() == before
 
 
-def test_a_left_hand_is_found_to_be_the_releases_or_mended_beside_the_right_one(
+def test_beside_the_right_hand_a_left_hand_is_released_or_corrected(
     tmp_path: Path,
 ) -> None:
     left, mended = tmp_path / "MANO_LEFT.pkl", tmp_path / "mended_left.pkl"
@@ -216,7 +216,7 @@ def _twice(folder: Path) -> Path:
         (_twice, r"holds \['a/MANO_RIGHT.pkl', 'b/MANO_RIGHT.pkl'\], expected one"),
     ],
 )
-def test_another_file_is_told_what_it_is_and_what_is_wanted(
+def test_another_file_is_refused_with_what_it_holds_and_what_is_expected(
     make: Callable[[Path], Path], says: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=says):
@@ -224,7 +224,7 @@ def test_another_file_is_told_what_it_is_and_what_is_wanted(
     assert not (tmp_path / "mano").exists()
 
 
-def test_a_source_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_source_is_named(tmp_path: Path) -> None:
     with pytest.raises(
         FileNotFoundError, match=r"No file .*nothing\.zip\. Expected mano_v1_2\.zip"
     ):
@@ -258,7 +258,7 @@ def _other_order() -> dict[str, object]:
         ({"f": np.roll(mano_arrays()["f"], 5, axis=1)[:, [0, 0, 1]]}, "open edges"),
     ],
 )
-def test_a_hand_that_is_not_whole_is_refused(changes: dict[str, object], says: str) -> None:
+def test_a_damaged_hand_is_refused(changes: dict[str, object], says: str) -> None:
     with pytest.raises(ValueError, match=says):
         convert_pickle(changed(**changes), "MANO_RIGHT.pkl")
 

@@ -1,4 +1,4 @@
-"""MANO as a hand of this project: what its joint angles mean, and where its landmarks are."""
+"""MANO as a `HandModel`: its anatomical axes, joint angles and landmark sets."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from tests.support.tolerance import BATCH_SHAPES, assert_close
 
 ROOT = Path(__file__).resolve().parents[3]
 
-# x, y, z of R_y R_x R_z, degrees, by which the authors' release turns MANO's axes to each joint's own
+# x, y, z of R_y R_x R_z, degrees, by which the authors' release rotates MANO's axes to each joint's own
 # (zhangy76/KNOWN-Hand, constants.py, right hand).
 RELEASE = {
     "index": [(0, -6, 10), (0, 1, -5), (0, -10, 0)],
@@ -45,7 +45,7 @@ def mano(folder: Path) -> HandModel:
 
 
 def test_the_open_hands_axes_come_from_its_own_skeleton() -> None:
-    """The function that both hands share rebuilds the asset; any length of the distal bones will do."""
+    """The function that both hands share rebuilds the asset; the length of the distal bones is arbitrary."""
     asset = load_open_hand()
     frames = asset.frames.double().numpy()
     joints = asset.joints.double().numpy()
@@ -57,7 +57,7 @@ def test_the_open_hands_axes_come_from_its_own_skeleton() -> None:
 
 
 def test_manos_spread_rest_pose_is_in_its_rest_angles(mano: HandModel) -> None:
-    """Splay counts from the third metacarpal, which lies 4.8° off −x on the hand in the file."""
+    """Splay is measured from the third metacarpal, which deviates from −x by 4.8° in the test hand."""
     third = (mano.joints_template[4] - mano.joints_template[0]).numpy()
     metacarpal = np.degrees(np.arctan2(third[2], -third[0]))
     assert metacarpal == pytest.approx(-4.8, abs=0.1)
@@ -82,33 +82,33 @@ def test_at_neutral_manos_fingers_are_straight_and_parallel(mano: HandModel) -> 
 def test_a_positive_bend_brings_manos_fingertip_towards_the_palm(
     mano: HandModel, joint: str
 ) -> None:
-    assert moved(mano, joint, axis=0)[1] < -0.002
+    assert displacement(mano, joint, axis=0)[1] < -0.002
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "little"])
 def test_a_positive_splay_brings_manos_fingertip_towards_the_thumb(
     mano: HandModel, finger: str
 ) -> None:
-    assert moved(mano, f"{finger} MCP", axis=1)[2] > 0.005
+    assert displacement(mano, f"{finger} MCP", axis=1)[2] > 0.005
 
 
 def test_bending_manos_thumb_carries_it_across_the_palm_and_splay_lifts_it(mano: HandModel) -> None:
-    assert moved(mano, "thumb CMC", axis=0)[2] < -0.008
-    assert moved(mano, "thumb CMC", axis=1)[1] < -0.005
+    assert displacement(mano, "thumb CMC", axis=0)[2] < -0.008
+    assert displacement(mano, "thumb CMC", axis=1)[1] < -0.005
 
 
-def moved(hand: HandModel, joint: str, axis: int) -> torch.Tensor:
-    """Where a fifth of a radian takes the fingertip, metres."""
+def displacement(hand: HandModel, joint: str, axis: int) -> torch.Tensor:
+    """Displacement of the fingertip by a rotation of 0.2 rad, metres."""
     angles, zero = hand.neutral_angles(), torch.zeros(10, dtype=torch.float64)
-    turned = angles.clone()
-    turned[ARTICULATED.index(joint), axis] = 0.2
+    bent = angles.clone()
+    bent[ARTICULATED.index(joint), axis] = 0.2
     tip = LANDMARKS.index(f"{joint.split()[0]} tip")
-    return hand(turned, zero).landmarks[tip] - hand(angles, zero).landmarks[tip]
+    return hand(bent, zero).landmarks[tip] - hand(angles, zero).landmarks[tip]
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "little", "ring"])
-def test_fingers_axes_mean_what_the_releases_do(mano: HandModel, finger: str) -> None:
-    """Hand-tuned there, computed here: within 20° along the bone and 27° about it."""
+def test_fingers_axes_agree_with_the_releases(mano: HandModel, finger: str) -> None:
+    """The release's axes are tuned by hand: they agree within 20° along the bone and 27° about it."""
     for part, angles in enumerate(RELEASE[finger]):
         x, y, z = np.radians(angles)
         theirs = (rotation(1, y) @ rotation(0, x) @ rotation(2, z)).T
@@ -119,7 +119,7 @@ def test_fingers_axes_mean_what_the_releases_do(mano: HandModel, finger: str) ->
 
 
 def test_the_thumb_bends_about_the_releases_negative_second_axis(mano: HandModel) -> None:
-    """There, −y is the thumb's flexion; here, as for every joint, bend is about the third axis."""
+    """In the release the thumb flexes about −y; here every joint bends about its third axis."""
     for part, angles in enumerate(RELEASE["thumb"]):
         x, y, z = np.radians(angles)
         theirs = (rotation(1, y) @ rotation(0, x) @ rotation(2, z)).T
@@ -128,7 +128,7 @@ def test_the_thumb_bends_about_the_releases_negative_second_axis(mano: HandModel
 
 
 def test_the_left_hand_is_the_mirror_image_in_every_joint_angle(folder: Path) -> None:
-    """Bend is the same on both hands; splay and twist change their sign."""
+    """Bend has the same sign on both hands; splay and twist have opposite signs."""
     right, left = (
         HandModel(load_mano(folder, side, dtype=torch.float64), "dexycb")
         for side in ("right", "left")
@@ -145,10 +145,10 @@ def test_the_left_hand_is_the_mirror_image_in_every_joint_angle(folder: Path) ->
 
 @pytest.mark.parametrize("landmarks", [*TIP_VERTICES, "mano"])
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
-def test_landmarks_stand_where_each_dataset_puts_them(
+def test_landmarks_are_at_each_datasets_positions(
     folder: Path, landmarks: str, shape: tuple[int, ...]
 ) -> None:
-    """The joints from the posed surface for FreiHAND, rotation centres for the others; tips are vertices."""
+    """Joints are regressed from the surface for FreiHAND, rotation centres otherwise; tips are vertices."""
     hand = HandModel(load_mano(folder, dtype=torch.float64), landmarks)
     angles = 0.6 * torch.randn(*shape, 15, 3, dtype=torch.float64)
     posed = hand(angles, torch.randn(*shape, 10, dtype=torch.float64))

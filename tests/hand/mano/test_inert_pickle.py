@@ -1,4 +1,4 @@
-"""A tiny hostile pickle is refused at once, and an honest one read as Python reads it."""
+"""Small hostile pickles are refused quickly, and plain ones are read as by Python."""
 
 import pickle
 import time
@@ -39,7 +39,7 @@ REPEATED = {
 
 
 @pytest.mark.parametrize("name", [*HOSTILE_VALUES, *REPEATED])
-def test_a_tiny_pickle_of_endless_values_is_refused_at_once(name: str) -> None:
+def test_a_small_pickle_of_huge_values_is_refused_quickly(name: str) -> None:
     data = entry((HOSTILE_VALUES | REPEATED)[name])
     tracemalloc.start()
     began = time.process_time()
@@ -55,7 +55,7 @@ def test_a_tiny_pickle_of_endless_values_is_refused_at_once(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", HOSTILE_PICKLES)
-def test_nothing_but_text_is_ever_hashed(name: str) -> None:
+def test_only_text_is_hashed(name: str) -> None:
     began = time.process_time()
     with pytest.raises(RefusedPickleError, match=r"a\.pkl is refused: .*(for a key|FROZENSET)"):
         load_pickle(HOSTILE_PICKLES[name], "a.pkl")
@@ -63,7 +63,7 @@ def test_nothing_but_text_is_ever_hashed(name: str) -> None:
 
 
 def test_a_pickle_of_too_many_instructions_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each can make an object of a hundred bytes; by hand: an empty dictionary takes two and the lists."""
+    """Each instruction can allocate a hundred bytes; the empty dictionary takes two instructions."""
     monkeypatch.setattr(mano_pickle_module, "MAX_OPERATIONS", 1000)
     assert load_pickle(998 * b"]" + b"}.", "a.pkl") == {}
     with pytest.raises(RefusedPickleError, match="has more than 1000 instructions"):
@@ -71,7 +71,7 @@ def test_a_pickle_of_too_many_instructions_is_refused(monkeypatch: pytest.Monkey
 
 
 def test_an_array_as_large_as_manos_is_read_from_lists() -> None:
-    """Its pose directions are the largest: 778 × 3 × 135 numbers."""
+    """MANO's largest array, the pose directions, has 778 × 3 × 135 numbers."""
     expected = np.random.default_rng(3).normal(size=(778, 3, 135))
     content = load_pickle(pickle.dumps({"posedirs": expected.tolist()}), "a.pkl")
     np.testing.assert_array_equal(to_array(content["posedirs"]), expected)
@@ -79,9 +79,9 @@ def test_an_array_as_large_as_manos_is_read_from_lists() -> None:
 
 @pytest.mark.parametrize("protocol", range(6))
 def test_plain_values_are_what_python_reads(protocol: int) -> None:
-    """The machine does with its instructions what Python's does."""
+    """The interpreter gives the same values as Python's unpickler."""
     shared: list[object] = [1, 2.5, -3, 2**40, 2**100, "text", "ümläut", None, True]
-    # Before, bytes are calls of a codec, and arrays of them calls of their class.
+    # Lower protocols write bytes as calls of a codec, and bytearrays as calls of their class.
     shared += [b"bytes"] * (protocol > 2) + [bytearray(b"more")] * (protocol > 4)
     plain = {
         "shared": shared, "again": shared, "tuples": [(), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)],

@@ -1,4 +1,4 @@
-"""MANO's own parameters against MANO written out, and every trap in how datasets store them."""
+"""MANO's layer against a slow reference, and the label conventions of each dataset."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def random_hand(*batch: int) -> ManoParameters:
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_agrees_with_mano_written_out_entry_by_entry(folder: Path, side: Side) -> None:
-    """The order of the pose blend shapes' entries included; the left hand with its own directions."""
+    """Checks the order of the pose blend shapes too; the left hand has its released shape directions."""
     hand = random_hand()
     vertices, joints = posed_by_definition(mano_arrays(side), *(part.numpy() for part in hand))
     posed = load(folder, side, fixed=False)(*hand)
@@ -76,7 +76,7 @@ def test_each_hand_of_a_batch_is_posed_alone(layer: ManoLayer, shape: tuple[int,
 
 
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
-def test_the_same_hand_in_this_projects_parameters_stands_in_the_same_place(
+def test_hand_parameters_give_the_same_hand_at_the_same_position(
     folder: Path, layer: ManoLayer, shape: tuple[int, ...]
 ) -> None:
     hand = random_hand(*shape)
@@ -89,29 +89,29 @@ def test_the_same_hand_in_this_projects_parameters_stands_in_the_same_place(
 def test_in_single_precision_the_two_agree_to_a_micrometre(folder: Path) -> None:
     layer = ManoLayer.load(folder)
     hand = ManoParameters(*(0.5 * part.float() for part in random_hand(8)))
-    placed = mano_hand(folder).to_camera(layer.hand_parameters(*hand))
-    assert (placed.vertices - layer(*hand).vertices).abs().max() < 1e-6
+    posed = mano_hand(folder).to_camera(layer.hand_parameters(*hand))
+    assert (posed.vertices - layer(*hand).vertices).abs().max() < 1e-6
 
 
-def test_a_left_hand_has_no_parameters_of_a_right_one(folder: Path) -> None:
+def test_hand_parameters_of_a_left_hand_are_refused(folder: Path) -> None:
     with pytest.raises(ValueError, match=r"MANO's left hand\. Mirror the axis angles"):
         load(folder, "left").hand_parameters(*random_hand())
 
 
-def test_the_hand_turns_about_its_wrist_which_is_not_the_origin(layer: ManoLayer) -> None:
+def test_the_global_rotation_is_about_the_wrist_which_is_not_the_origin(layer: ManoLayer) -> None:
     hand = random_hand(4)
     wrist = layer.wrist(hand.shape)
     assert_close(layer(*hand).joints[:, 0], wrist + hand.translation)
     assert wrist.norm(dim=-1).min() > 0.05
 
 
-# Traps of the datasets: section by section of what others got wrong.
+# Conventions of the datasets that are easy to get wrong.
 
 
 def test_pca_coefficients_are_directions_about_the_mean_even_when_there_are_45(
     layer: ManoLayer,
 ) -> None:
-    """By hand: the second component 0.5 times, the last one −1 times."""
+    """Computed by hand: 0.5 times the second component minus the last one."""
     coefficients = torch.zeros(45, dtype=torch.float64)
     coefficients[1], coefficients[44] = 0.5, -1.0
     arrays = mano_arrays()
@@ -121,7 +121,7 @@ def test_pca_coefficients_are_directions_about_the_mean_even_when_there_are_45(
 
 
 def test_dexycb_reads_coefficients_freihand_residuals_and_ho3d_angles(layer: ManoLayer) -> None:
-    """Zeros mean the mean pose to two of them, and the flat rest pose to the third."""
+    """Zeros are the mean pose in FreiHAND and DexYCB, and the flat rest pose in HO3D."""
     mean, zeros = torch.from_numpy(mano_arrays()["hands_mean"]), torch.zeros(61).double()
     camera = torch.tensor([[400.0, 0, 100], [0, 400, 110], [0, 0, 1]], dtype=torch.float64)
     freihand = freihand_parameters(layer, zeros + torch.eye(61)[60].double(), camera)
@@ -148,10 +148,10 @@ def test_a_dexycb_label_is_rotation_coefficients_and_translation_in_this_order(
     assert_close(posed.landmarks[LANDMARKS.index("middle tip")], torch.from_numpy(vertices[445]))
 
 
-def test_one_shape_is_one_hand_on_both_sides_only_once_the_left_directions_are_mended(
+def test_one_shape_is_one_hand_on_both_sides_only_once_the_left_directions_are_corrected(
     folder: Path,
 ) -> None:
-    """And with the angles of the mirrored hand the left one is its mirror image, to the last digit."""
+    """With mirrored axis angles the corrected left hand is the exact mirror image."""
     hand = random_hand(3)
     mirrored = ManoParameters(
         mirror_axis_angle(hand.global_rotation),
@@ -165,8 +165,8 @@ def test_one_shape_is_one_hand_on_both_sides_only_once_the_left_directions_are_m
     assert (unfixed - expected).norm(dim=-1).mean() > 1e-3
 
 
-def test_a_left_hand_that_was_mended_before_is_not_mended_twice(tmp_path: Path) -> None:
-    """Told beside the right hand, whichever came first; and DexYCB's is given back."""
+def test_a_left_hand_that_is_corrected_already_is_not_corrected_twice(tmp_path: Path) -> None:
+    """The right hand decides, in either order of conversion; released directions can be restored."""
     arrays = mano_arrays("left")
     released = arrays["shapedirs"].copy()
     arrays["shapedirs"][:, 0] *= -1
@@ -181,14 +181,14 @@ def test_a_left_hand_that_was_mended_before_is_not_mended_twice(tmp_path: Path) 
 
 
 def test_coefficients_of_one_side_mean_another_pose_on_the_other(folder: Path) -> None:
-    """No change of their signs mirrors them: the two hands have components of their own."""
+    """The two hands have different components, so changing signs does not mirror coefficients."""
     coefficients = torch.randn(45, dtype=torch.float64)
     right, left = (load(folder, side).from_pca(coefficients) for side in ("right", "left"))
     assert (mirror_axis_angle(right.unflatten(-1, (15, 3))).flatten() - left).abs().max() > 0.1
 
 
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
-def test_freihands_placement_puts_the_middle_mcp_on_its_pixel_at_its_scale(
+def test_freihands_translation_puts_the_middle_mcp_on_its_pixel_at_its_scale(
     layer: ManoLayer, shape: tuple[int, ...]
 ) -> None:
     label = 0.4 * torch.randn(*shape, 61, dtype=torch.float64)
@@ -198,7 +198,7 @@ def test_freihands_placement_puts_the_middle_mcp_on_its_pixel_at_its_scale(
     intrinsics = camera.expand(*shape, 3, 3)
     parameters = freihand_parameters(layer, label, intrinsics)
     landmarks = layer(*parameters).landmarks
-    # By hand: f = 500; (80 − 112, 120 − 100, 500) / 700.
+    # Computed by hand: f = 500; (80 − 112, 120 − 100, 500) / 700.
     expected = torch.tensor([-32 / 700, 20 / 700, 500 / 700], dtype=torch.float64)
     assert_close(landmarks[..., 9, :], expected.expand(*shape, 3))
     square = camera.clone()
@@ -208,7 +208,7 @@ def test_freihands_placement_puts_the_middle_mcp_on_its_pixel_at_its_scale(
     assert_close(parameters.pose, layer.from_residual(label[..., 3:48]))
 
 
-def test_freihands_label_of_a_known_hand_brings_it_back(layer: ManoLayer) -> None:
+def test_freihands_label_of_a_known_hand_recovers_it(layer: ManoLayer) -> None:
     hand = random_hand(5)
     hand = hand._replace(translation=hand.translation * 0.05 + torch.tensor([0.0, 0, 0.7]))
     camera = torch.tensor([[500.0, 0, 112], [0, 500, 112], [0, 0, 1]], dtype=torch.float64)
@@ -235,21 +235,19 @@ def test_freihands_root_uses_the_mean_of_both_focal_lengths() -> None:
 
 
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
-def test_ho3ds_hand_comes_out_in_this_projects_camera_axes(
-    folder: Path, shape: tuple[int, ...]
-) -> None:
-    """y and z of every point turned round, vertices, joints and landmarks alike."""
+def test_ho3ds_hand_is_in_this_projects_camera_axes(folder: Path, shape: tuple[int, ...]) -> None:
+    """y and z change sign for vertices, joints and landmarks."""
     layer = load(folder, "right", "ho3d")
     hand = random_hand(*shape)
     stored = layer(*hand)
     label = torch.cat([hand.global_rotation, hand.pose], dim=-1)
-    turned = layer(*ho3d_parameters(layer, label, hand.shape, hand.translation))
-    assert_close(turned.vertices, stored.vertices * FLIP)
-    assert_close(turned.joints, stored.joints * FLIP)
-    assert_close(turned.landmarks, stored.landmarks * FLIP)
+    flipped = layer(*ho3d_parameters(layer, label, hand.shape, hand.translation))
+    assert_close(flipped.vertices, stored.vertices * FLIP)
+    assert_close(flipped.joints, stored.joints * FLIP)
+    assert_close(flipped.landmarks, stored.landmarks * FLIP)
 
 
-def test_opengls_axes_and_back_are_the_same_turn(layer: ManoLayer) -> None:
+def test_converting_opengls_axes_twice_is_the_identity(layer: ManoLayer) -> None:
     hand = random_hand(6)
     wrist = layer.wrist(hand.shape)
     once = from_opengl(hand.global_rotation, hand.translation, wrist)
@@ -258,8 +256,8 @@ def test_opengls_axes_and_back_are_the_same_turn(layer: ManoLayer) -> None:
     assert_close(translation, hand.translation)
 
 
-def test_turning_the_translation_alone_would_miss_by_centimetres(layer: ManoLayer) -> None:
-    """F t in place of F (J0 + t) − J0 leaves the wrist's own offset unturned."""
+def test_flipping_the_translation_alone_would_be_centimetres_off(layer: ManoLayer) -> None:
+    """F t instead of F (J0 + t) − J0 would ignore the wrist's offset from the origin."""
     hand = random_hand()
     right = from_opengl(hand.global_rotation, hand.translation, layer.wrist(hand.shape))[1]
     assert (FLIP * hand.translation - right).norm() > 0.01
@@ -277,8 +275,8 @@ def test_gradients_reach_every_parameter(layer: ManoLayer) -> None:
     assert torch.autograd.gradcheck(lambda *parts: layer(*parts).landmarks, hand, fast_mode=True)
 
 
-def test_the_slow_twin_is_no_copy_of_the_layer() -> None:
-    """By hand: the index finger's last joint bent by 90° about z takes a point 1 cm beyond it to −y."""
+def test_the_slow_reference_does_not_share_code_with_the_layer() -> None:
+    """Computed by hand: 90° about z at the index DIP moves a point 1 cm beyond it to −y."""
     arrays = mano_arrays()
     arrays["posedirs"] *= 0
     arrays["weights"] = np.zeros((778, 16))

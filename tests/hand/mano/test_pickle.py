@@ -1,4 +1,4 @@
-"""MANO's pickle gives its numbers, and no pickle gets anything run."""
+"""MANO's pickle is read exactly, and no pickle can run code."""
 
 import copyreg
 import os
@@ -30,7 +30,7 @@ def _global(module: str, name: str) -> bytes:
 
 
 class _Reduced:
-    """Pickles as a call."""
+    """Object that is pickled as a call."""
 
     def __init__(self, *call: object) -> None:
         self.call = call
@@ -40,7 +40,7 @@ class _Reduced:
 
 
 def attacks(marker: Path) -> dict[str, bytes]:
-    """Pickles that make the marker when their globals are the real ones, each in another way."""
+    """Pickles that create the marker file in different ways if Python's unpickler reads them."""
     touch = f"touch {marker}"
     code = f"__import__('pathlib').Path({str(marker)!r}).touch()"
     call = b"(" + _text(touch) + b"tR."
@@ -76,7 +76,7 @@ def attacks(marker: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", attacks(Path("x")))
-def test_a_pickle_that_wants_to_run_something_is_refused_and_runs_nothing(
+def test_a_pickle_that_names_another_function_is_refused_and_runs_nothing(
     name: str, tmp_path: Path
 ) -> None:
     marker = tmp_path / "marker"
@@ -87,9 +87,9 @@ def test_a_pickle_that_wants_to_run_something_is_refused_and_runs_nothing(
 
 @pytest.mark.parametrize("name", ["os.system", "posix.system by __reduce__", "eval", "INST"])
 def test_the_attacks_are_real(name: str, tmp_path: Path) -> None:
-    """With Python's own reader they do make the marker: the test above can fail."""
+    """Python's unpickler does create the marker file, so the test above can fail."""
     marker = tmp_path / "marker"
-    pickle.loads(attacks(marker)[name])  # noqa: S301  # what is loaded is written above
+    pickle.loads(attacks(marker)[name])  # noqa: S301  # the content is written above
     assert marker.exists()
 
 
@@ -100,7 +100,7 @@ def test_the_refusal_names_the_global_and_the_file() -> None:
 
 @pytest.fixture
 def extension() -> Iterator[int]:
-    """A code that the process has registered for os.system, and used, so that it is cached."""
+    """Registers and uses an extension code for os.system, so that it is cached."""
     code = 219
     copyreg.add_extension("os", "system", code)
     pickle.loads(b"\x80\x02\x82" + bytes([code]) + b".")  # noqa: S301  # fills the cache
@@ -108,7 +108,7 @@ def extension() -> Iterator[int]:
     copyreg.remove_extension("os", "system", code)
 
 
-def test_an_extension_code_does_not_pass_by_the_list(extension: int, tmp_path: Path) -> None:
+def test_an_extension_code_does_not_bypass_the_list(extension: int, tmp_path: Path) -> None:
     marker = tmp_path / "marker"
     data = b"\x80\x02\x82" + bytes([extension]) + b"(" + _text(f"touch {marker}") + b"tR."
     with pytest.raises(RefusedPickleError, match="uses EXT1 219"):
@@ -117,7 +117,7 @@ def test_an_extension_code_does_not_pass_by_the_list(extension: int, tmp_path: P
 
 
 @pytest.mark.parametrize("allowed", sorted(ALLOWED))
-def test_a_pickle_cannot_change_what_its_names_stand_for(allowed: tuple[str, str]) -> None:
+def test_a_pickle_cannot_redefine_its_allowed_names(allowed: tuple[str, str]) -> None:
     before = dict(vars(Record))
     data = b"\x80\x02" + _global(*allowed) + b"}(" + _text("__setstate__") + b"Nub."
     with pytest.raises(RefusedPickleError, match="gives a state to a _Name"):
@@ -129,7 +129,7 @@ def test_a_pickle_cannot_change_what_its_names_stand_for(allowed: tuple[str, str
 
 
 def test_a_record_only_stores_its_state() -> None:
-    """A state that would set attributes, methods among them, is kept as a value."""
+    """A state that would set attributes or methods is stored as a value."""
     state = {"__class__": 1, "to_array": 2, "x": 3}
     content = load_pickle(ORIGINAL % opcodes({"a": Named("chumpy.ch Ch", state)}), "a.pkl")
     record = content["a"]
@@ -150,19 +150,19 @@ def test_any_bytes_are_read_or_refused(data: bytes) -> None:
         try:
             load_pickle(content, "noise.pkl")
         except RefusedPickleError as error:
-            assert "noise.pkl" in str(error)  # noqa: PT017  # it need not be refused
+            assert "noise.pkl" in str(error)  # noqa: PT017  # random bytes need not be refused
 
 
 def mano_pickle_head() -> bytes:
     return (ORIGINAL % opcodes({"a": np.arange(3)}))[:-20]
 
 
-def test_what_is_no_dictionary_is_refused() -> None:
+def test_a_pickle_without_a_dictionary_is_refused() -> None:
     with pytest.raises(RefusedPickleError, match="holds a list, expected a dictionary"):
         load_pickle(b"\x80\x02].", "list.pkl")
 
 
-def test_every_array_of_manos_pickle_comes_out_as_it_went_in() -> None:
+def test_every_array_of_manos_pickle_is_read_exactly() -> None:
     arrays = mano_arrays()
     content = load_pickle(mano_pickle(arrays), "MANO_RIGHT.pkl")
     for key, expected in arrays.items():
@@ -171,7 +171,7 @@ def test_every_array_of_manos_pickle_comes_out_as_it_went_in() -> None:
 
 
 def test_select_takes_entries_of_the_flattened_array() -> None:
-    """By hand: entries 5, 0, 3, 2 of 10…15, in two rows."""
+    """Computed by hand: entries 5, 0, 3, 2 of 10…15, in two rows."""
     inner = Named("chumpy.ch Ch", {"x": np.arange(10.0, 16.0).reshape(2, 3)})
     select = Named(
         "chumpy.reordering Select",
@@ -182,8 +182,8 @@ def test_select_takes_entries_of_the_flattened_array() -> None:
 
 
 @pytest.mark.parametrize("protocol", [2, 3, 4, 5])
-def test_files_saved_anew_by_python_3_are_read(protocol: int) -> None:
-    """Protocols write arrays, bytes and sparse matrices each in their own way."""
+def test_files_saved_again_by_python_3_are_read(protocol: int) -> None:
+    """Each protocol writes arrays, bytes and sparse matrices differently."""
     matrix = scipy.sparse.random(16, 40, density=0.2, random_state=np.random.default_rng(0))
     saved = {
         "plain": np.random.default_rng(1).normal(size=(4, 3)),
