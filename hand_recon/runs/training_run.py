@@ -11,7 +11,13 @@ from torch import Tensor
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.runs.building import build_data, build_module, check_input
 from hand_recon.runs.checkpoints import ConfigInCheckpoint, load_trained
-from hand_recon.runs.configuration import claim_folder, configure_process, instantiate, plain
+from hand_recon.runs.configuration import (
+    check_extra,
+    claim_folder,
+    configure_process,
+    instantiate,
+    plain,
+)
 from hand_recon.runs.results import Run, finish_run, mean_pose
 from hand_recon.runs.resuming import best_checkpoint, earlier_run
 from hand_recon.runs.training_progress import is_interactive, progress_callback, quiet_libraries
