@@ -123,7 +123,9 @@ def test_another_number_of_sequences_would_shift_the_splits(
     tmp_path: Path, count: int, error: type[Exception]
 ) -> None:
     write_metas(tmp_path, count)
-    with pytest.raises(error, match=rf"holds {count} sequences .*expected 100: the place of each"):
+    with pytest.raises(
+        error, match=rf"holds {count} sequences .*expected 100: the position of each"
+    ):
         read_grasps(tmp_path, 3)
 
 

@@ -1,1 +1,1 @@
-"""DexYCB: real right and left hands that grasp things, eight cameras at a time (Sec. 4.1)."""
+"""DexYCB: real right and left hands that grasp objects, seen by eight cameras (Sec. 4.1)."""

@@ -1,4 +1,4 @@
-"""DexYCB for Lightning (Sec. 4.1)."""
+"""Lightning datamodule of DexYCB (Sec. 4.1)."""
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from hand_recon.schema import HandParameters
 
 
 class DexYcbDataModule(ImageDataModule):
-    """Real right and left hands in DexYCB's layout; see `DexYcbRecipe` for what may be chosen."""
+    """Real right and left hands in DexYCB's layout; see `DexYcbRecipe` for the options."""
 
     name = "dexycb"
     landmarks = "dexycb"
@@ -25,7 +25,7 @@ class DexYcbDataModule(ImageDataModule):
             limit: At most so many hands, spread evenly over the set.
 
         Returns:
-            None, and a warning, where MANO is not there.
+            None, with a warning, if MANO is missing.
         """
         data = self.dataset("train")
         surfaces = data.surfaces() if isinstance(data, DexYcb) else None

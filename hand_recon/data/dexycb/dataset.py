@@ -1,7 +1,7 @@
-"""DexYCB: right and left hands with cameras, 2D and 3D labels; left ones come in mirrored (Sec. 4.1).
+"""DexYCB: right and left hands with cameras, 2D and 3D labels; left ones are mirrored (Sec. 4.1).
 
-Crops are cut about the labelled joints. Frames without a labelled hand are dropped, and said so; the ids of
-those that stay are the official ones, so that a file of results can be written.
+Crops are cut around the labelled joints. Frames without a labelled hand are dropped, and their number is
+logged; the others keep their official ids, so that a results file can be written.
 """
 
 import logging
@@ -32,7 +32,7 @@ from hand_recon.data.dexycb.labels import (
     labelled_rows,
     read_labels,
 )
-from hand_recon.data.dexycb.listing import look_at_files
+from hand_recon.data.dexycb.listing import digest_files
 from hand_recon.data.dexycb.splits import PARTS, SETUPS, Frames, enumerate_frames, split_named
 from hand_recon.data.dexycb.surfaces import GT_MODES, DexYcbSurfaces, load_pair
 from hand_recon.data.images import read_image
@@ -40,15 +40,15 @@ from hand_recon.data.images import read_image
 logger = logging.getLogger(__name__)
 
 AROUND_JOINTS: Final = CropPolicy(around="joints", expansion=1.5)
-"""How peers cut DexYCB's hands out."""
+"""Crop policy that peers use for DexYCB."""
 
 
 @dataclass(frozen=True)
 class DexYcbRecipe:
-    """Which hands, and how they are cut out and read.
+    """Settings of DexYCB: setup, subjects, crops and reading.
 
     Raises:
-        ValueError: A choice does not exist.
+        ValueError: An option has an unknown value.
     """
 
     root: Path | str | None
@@ -58,21 +58,21 @@ class DexYcbRecipe:
     crop: CropPolicy = AROUND_JOINTS
     """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged images are too many."""
+    """Caches and the number of damaged images allowed."""
     label_workers: int = 2
-    """Processes that read the labels, once."""
+    """Number of processes that read the labels, once."""
     partial: bool = False
-    """Whether subjects may be missing: for training on what is there; such numbers are no benchmark's."""
+    """Allow missing subjects, for training on the others; scores are then not the benchmark's."""
     train_every: int = 1
-    """Take every n-th frame of the training part: neighbours are a thirtieth of a second apart."""
+    """Use every n-th frame of the training part; consecutive frames are a thirtieth of a second apart."""
     val_every: int = 1
     """The same of the validation part."""
     test_every: int = 1
     """The same of the test part; numbers on a thinned one are not the official ones."""
     gt_mode: str = "official"
-    """How left hands' surfaces are made, one of `GT_MODES`."""
+    """Construction of left hands' surfaces, one of `GT_MODES`."""
     mano: Path | str | None = None
-    """The folder of MANO's hands, which make the surfaces."""
+    """Folder of MANO's hands, which the surfaces are computed with."""
     topology: str = "open"
     """The hand model's name: MANO's surfaces are compared with MANO only."""
 
@@ -89,20 +89,20 @@ class DexYcbRecipe:
 
 
 class DexYcb(AnnotatedImages):
-    """One part of a setup."""
+    """One part of a setup of DexYCB."""
 
     ids: Int[np.ndarray, " sample"]
     """The official number of each sample's frame in its part: its id in a file of results."""
     missing: str
-    """Subjects that are not there."""
+    """Names of the subjects that are missing."""
 
     def __init__(self, split: str, recipe: DexYcbRecipe, with_vertices: bool | None = None) -> None:
-        """Read the labels, once; images are read when asked for, or once into the cache.
+        """Read the labels once; images are read on request, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
-            recipe: Everything else.
-            with_vertices: Whether to give the surfaces; by default only those of the test hands.
+            recipe: All other settings.
+            with_vertices: Load the surfaces; by default only for test hands.
 
         Raises:
             FileNotFoundError: A file or a subject is missing.
@@ -116,7 +116,7 @@ class DexYcb(AnnotatedImages):
         frames = self._frames()
         wanted = np.arange(0, len(frames), getattr(recipe, f"{split}_every"))
         frames = frames.select(wanted)
-        self._files = look_at_files(frames)
+        self._files = digest_files(frames)
         labels = read_labels(
             frames, self.name, recipe.reading.folder, recipe.label_workers, self._files
         )
@@ -131,7 +131,7 @@ class DexYcb(AnnotatedImages):
         super().__init__(table, recipe=ImageRecipe(recipe.crop, recipe.reading))
 
     def surfaces(self) -> DexYcbSurfaces | None:
-        """MANO as the labels pose it; None, and a warning, where MANO is not there."""
+        """MANO's surfaces posed by the labels; None, with a warning, if MANO is missing."""
         pair = load_pair(self.recipe.mano, left_hands=bool(self.left.any()))
         if pair is None:
             return None
@@ -146,7 +146,7 @@ class DexYcb(AnnotatedImages):
         )
 
     def _frames(self) -> Frames:
-        """Every frame of the split, whether anything is labelled in it or not."""
+        """Every frame of the split, labelled or not."""
         split = split_named(self.recipe.setup, self.split)
         there = self._subjects(split.subjects)
         step = getattr(self.recipe, f"{self.split}_every")
@@ -160,7 +160,7 @@ class DexYcb(AnnotatedImages):
         return enumerate_frames(split, grasps)
 
     def _subjects(self, wanted: tuple[int, ...]) -> list[int]:
-        """Those of the split's subjects that are there, if that is enough."""
+        """The split's subjects that are there; an error if the missing ones are needed."""
         there = present(self.root, wanted)
         missing = ", ".join(SUBJECTS[subject] for subject in wanted if subject not in there)
         self.missing = missing
@@ -197,7 +197,7 @@ class DexYcb(AnnotatedImages):
         )
 
     def _comparable_surfaces(self) -> DexYcbSurfaces | None:
-        """The surfaces, if the hand model's are numbered alike."""
+        """Surfaces; None if the hand model numbers its vertices differently."""
         if self.recipe.topology == "mano":
             return self.surfaces()
         logger.warning(
@@ -207,7 +207,7 @@ class DexYcb(AnnotatedImages):
         return None
 
     def _check_size(self) -> None:
-        """Refuse images of another size, which the camera matrices are not for."""
+        """Refuse images of a size that the camera matrices are not for."""
         path = _Images(self.frames)[0]
         image = read_image(path)
         if image is not None and image.shape[:2] != SIZE:
@@ -219,7 +219,7 @@ class DexYcb(AnnotatedImages):
 
 
 class _Images:
-    """The image of each frame."""
+    """Image files of some frames."""
 
     def __init__(self, frames: Frames) -> None:
         self.frames = frames
@@ -236,5 +236,5 @@ class _Images:
 def _of_grasps(
     frames: Frames, values: list[bool] | list[Float[np.ndarray, " direction"]]
 ) -> Bool[np.ndarray, " frame"] | Float[np.ndarray, "frame direction"]:
-    """What is known of sequences, by frame."""
+    """Values of sequences, repeated for their frames."""
     return np.asarray(values)[frames.grasp]

@@ -1,4 +1,4 @@
-"""DexYCB's folders: what must be there, what it must look like, and what to do if it does not.
+"""Reads and checks DexYCB's folders.
 
 `<subject>/<sequence>/meta.yml`, `<subject>/<sequence>/<serial>/{color,labels}_000000.{jpg,npz}` and
 `calibration/{intrinsics,mano_<id>}` (Chao et al., CVPR 2021). Names are those of NVlabs/dex-ycb-toolkit.
@@ -30,18 +30,18 @@ SERIALS: Final = (
 """Serial numbers of the cameras, in the toolkit's order."""
 
 SEQUENCES: Final = 100
-"""Sequences of a subject: 20 things, each grasped five times."""
+"""Number of sequences of a subject: 20 objects, each grasped five times."""
 
 SIZE: Final = (480, 640)
-"""Height and width of its images, pixels."""
+"""Height and width of the images, pixels."""
 
 _SEQUENCE_NAME: Final = re.compile(r"\d{8}_\d{6}")
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""Ten times as fast where libyaml is there; a thousand files are read at every start."""
+"""Safe YAML loader; libyaml's is ten times as fast, and a thousand files are read at every start."""
 
 _SHORT: Final = reprlib.Repr()
-"""Shows what was found, and of lists in lists two levels."""
+"""Abbreviates values for messages, to two levels of nested lists."""
 _SHORT.maxlevel = 2
 
 
@@ -54,37 +54,37 @@ class Grasp:
     index: int
     """Index among its subject's sorted sequences, which decides its split."""
     folder: Path
-    """Where its `meta.yml` is."""
+    """Folder of its `meta.yml`."""
     frames: int
-    """Frames of each camera."""
+    """Number of frames of each camera."""
     left: bool
-    """Whether the hand is a left one; only `meta.yml` knows."""
+    """True for a left hand; only `meta.yml` has the side."""
     calibration: str
-    """Name of the hand's shape: a subject has several."""
+    """Name of the hand's shape calibration; a subject has several."""
 
 
 def image_path(grasp: Grasp, camera: int, frame: int) -> Path:
-    """The image of a frame."""
+    """Image file of a frame."""
     return grasp.folder / SERIALS[camera] / image_name(frame)
 
 
 def image_name(frame: int) -> str:
-    """What a frame's image is called in each camera's folder."""
+    """File name of a frame's image in each camera's folder."""
     return f"color_{frame:06d}.jpg"
 
 
 def label_path(folder: Path, frame: int) -> Path:
-    """The labels of a frame.
+    """Label file of a frame.
 
     Args:
-        folder: Of one camera in one sequence.
-        frame: Its number.
+        folder: Folder of one camera in one sequence.
+        frame: Number of the frame.
     """
     return folder / f"labels_{frame:06d}.npz"
 
 
 def find_root(root: Path | str | None) -> Path:
-    """The dataset's folder, or a reason why there is none.
+    """Find the dataset's folder.
 
     Raises:
         FileNotFoundError: No folder was given, or it is not DexYCB's.
@@ -115,7 +115,7 @@ def find_root(root: Path | str | None) -> Path:
 
 
 def present(root: Path, subjects: Sequence[int]) -> list[int]:
-    """Those of some subjects whose folders are there."""
+    """Subjects whose folders are there."""
     return [subject for subject in subjects if (root / SUBJECTS[subject]).is_dir()]
 
 
@@ -123,7 +123,7 @@ def read_grasps(root: Path, subject: int) -> list[Grasp]:
     """All sequences of a subject, sorted by name as the splits count them.
 
     Raises:
-        FileNotFoundError: A sequence is missing; the places of all later ones would be wrong.
+        FileNotFoundError: A sequence is missing; the indices of all later ones would be wrong.
         ValueError: There are too many, or a `meta.yml` is not DexYCB's.
     """
     folder = root / SUBJECTS[subject]
@@ -132,7 +132,7 @@ def read_grasps(root: Path, subject: int) -> list[Grasp]:
     if len(names) != SEQUENCES:
         raise (FileNotFoundError if len(names) < SEQUENCES else ValueError)(
             f"{folder} holds {len(names)} sequences named like 20200709_141754, expected {SEQUENCES}: the "
-            "place of each in their order decides its split. Unpack the subject's archive again."
+            "position of each in their order decides its split. Unpack the subject's archive again."
         )
     return [_read_grasp(folder / name, subject, index) for index, name in enumerate(names)]
 

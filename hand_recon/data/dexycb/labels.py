@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from hand_recon.camera import project_array
 from hand_recon.data.cache import ensure_built
 from hand_recon.data.dexycb.files import label_path
-from hand_recon.data.dexycb.listing import FrameFiles, Task, look_at_files, tasks_of
+from hand_recon.data.dexycb.listing import FrameFiles, Task, digest_files, tasks_of
 from hand_recon.data.dexycb.splits import Frames
 from hand_recon.data.processes import single_threaded_processes
 from hand_recon.data.progress import with_progress
@@ -26,19 +26,19 @@ from hand_recon.data.progress import with_progress
 logger = logging.getLogger(__name__)
 
 SHAPES: Final = {"joint_2d": (21, 2), "joint_3d": (21, 3), "pose_m": (51,)}
-"""What is read of a label, and the shape that it has behind an axis of one hand."""
+"""Arrays that are read from a label file, and their shapes behind an axis of one hand."""
 
 MISSING: Final = -1.0
-"""What stands for joints that nobody labelled."""
+"""Value of unlabelled joints."""
 
 WORTH_PROCESSES: Final = 10_000
-"""Files below which processes start no sooner than this one is done: it reads some 2,000 per second."""
+"""Smallest number of files for which more processes pay off; one reads about 2,000 per second."""
 
 _LOOKED_AT: Final = 20_000
-"""About as many labels are checked: mistakes are in all of them or in none."""
+"""Approximate number of labels that are checked; mistakes are in all of them or in none."""
 
 _TOO_FAR: Final = 1.0
-"""Pixels between a label and its projection that no rounding explains."""
+"""Largest distance of a label from its projection, pixels; rounding explains less."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class DexYcbLabels:
         return len(self.pose_m)
 
     def select(self, rows: Int[np.ndarray, " row"]) -> "DexYcbLabels":
-        """Those of some frames."""
+        """Labels of some frames."""
         return DexYcbLabels(self.joint_2d[rows], self.joint_3d[rows], self.pose_m[rows])
 
     def unlabelled(self) -> dict[str, Bool[np.ndarray, " frame"]]:
-        """Which frames show no hand, by each of the marks that say so."""
+        """Frames without a hand, by each value that marks them."""
         return {
             "joint_3d is −1": (self.joint_3d == MISSING).all(axis=(1, 2)),
             "joint_2d is −1": (self.joint_2d == MISSING).all(axis=(1, 2)),
@@ -73,15 +73,15 @@ def read_labels(
 ) -> DexYcbLabels:
     """The labels of frames, in their order.
 
-    They are kept in the cache under a name that depends on the frames and on each label's size and time of
-    change: what is written anew is read anew.
+    The cache's name depends on the frames and on each label's size and modification time, so that changed
+    labels are read again.
 
     Args:
-        frames: Which.
-        name: Of the split, for the cache's name and messages.
-        cache: Folder of caches; none reads every time.
-        workers: Processes that read; 0 or 1 reads in this one.
-        files: Of the frames, where they were looked at already.
+        frames: Frames to read.
+        name: Name of the split, for the cache's name and messages.
+        cache: Folder of caches; None reads every time.
+        workers: Number of reading processes; 0 or 1 reads in this one.
+        files: Digests of the frames' files, if they are known already.
 
     Raises:
         FileNotFoundError: A folder or file is missing.
@@ -89,7 +89,7 @@ def read_labels(
     """
     if cache is None:
         return DexYcbLabels(**_read_all(frames, workers))
-    files = files or look_at_files(frames)
+    files = files or digest_files(frames)
     target = cache / f"dexycb-{name}-labels-{files.labels}"
 
     def build(partial: Path) -> None:
@@ -104,11 +104,11 @@ def read_labels(
 
 
 def labelled_rows(labels: DexYcbLabels, name: str) -> Int[np.ndarray, " row"]:
-    """The frames that show a labelled hand; how many do not is said aloud.
+    """Rows of the frames with a labelled hand; the number of the others is logged.
 
     Args:
-        labels: Of all frames.
-        name: Of the split, for messages.
+        labels: Labels of all frames.
+        name: Name of the split, for messages.
 
     Raises:
         ValueError: No frame is left.
@@ -137,12 +137,12 @@ def labelled_rows(labels: DexYcbLabels, name: str) -> Int[np.ndarray, " row"]:
 def check_labels(
     labels: DexYcbLabels, intrinsics: Float[np.ndarray, "frame 3 3"], name: str
 ) -> None:
-    """Refuse labels that are not the projections of hands in metres before a camera.
+    """Refuse labels that are not the projections of hands in metres in front of a camera.
 
     Args:
-        labels: Of labelled hands; some 20,000 of them are looked at.
-        intrinsics: Of their cameras, pixels.
-        name: Of the split, for messages.
+        labels: Labels of labelled hands; about 20,000 of them are checked.
+        intrinsics: Camera matrices, pixels.
+        name: Name of the split, for messages.
 
     Raises:
         ValueError: Most are not.
@@ -183,7 +183,7 @@ def _read_all(frames: Frames, workers: int) -> dict[str, Float[np.ndarray, "fram
 
 
 def _parts(tasks: list[Task], workers: int) -> Iterator[dict[str, np.ndarray]]:
-    """What the folders hold, in order, read here or in processes: threads would wait for each other."""
+    """Labels of the folders in order, read here or in processes; threads would wait for each other."""
     count = sum(len(numbers) for _, numbers in tasks)
     if workers <= 1 or count < WORTH_PROCESSES:
         yield from map(_read_folder, tasks)
@@ -199,14 +199,14 @@ def _read_folder(task: Task) -> dict[str, np.ndarray]:
 
 
 def _read_label(path: Path) -> dict[str, np.ndarray]:
-    """The three arrays of a label; the large one, which says what each pixel shows, stays packed.
+    """The three arrays of a label; the large segmentation array is not unpacked.
 
     Raises:
         FileNotFoundError: It is missing.
         ValueError: It is damaged, or something else.
     """
     try:
-        # Read at one go: a zip file is otherwise read in a dozen pieces, which is slow over a network.
+        # Read at once: a zip file is otherwise read in a dozen pieces, which is slow over a network.
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
             label = {column: np.asarray(archive[column]) for column in SHAPES}
     except FileNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Which files of DexYCB some frames need, and whether any of them has changed: one look at each folder."""
+"""Digests of the files of DexYCB frames, to detect changes, with one scan of each folder."""
 
 import itertools
 import os
@@ -14,8 +14,8 @@ from hand_recon.data.cache import digest, file_identity
 from hand_recon.data.dexycb.files import SERIALS, image_name, label_path
 from hand_recon.data.dexycb.splits import Frames
 
-_LOOKERS: Final = 8
-"""Threads that ask for the sizes and times of files."""
+_SCAN_THREADS: Final = 8
+"""Number of threads that query the sizes and times of files."""
 
 Task = tuple[Path, tuple[int, ...]]
 """The folder of a camera, and the numbers of the frames to read in it."""
@@ -23,24 +23,24 @@ Task = tuple[Path, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """Short names that change whenever a file of some frames does, by size or time of change."""
+    """Digests that change when the size or modification time of a file of some frames changes."""
 
     labels: str
-    """Of the labels and of each `meta.yml`."""
+    """Digest of the labels and of each `meta.yml`."""
     images: str
-    """Of the images."""
+    """Digest of the images."""
 
 
-def look_at_files(frames: Frames) -> FrameFiles:
-    """Look once at the size and time of change of every label and image of some frames.
+def digest_files(frames: Frames) -> FrameFiles:
+    """Digests of the size and modification time of every label and image of some frames.
 
     Raises:
         FileNotFoundError: A camera's folder is missing.
     """
     metas = [file_identity(grasp.folder / "meta.yml") for grasp in frames.grasps]
-    # Waiting for a disk across a network is what takes long: several threads wait at once.
-    with ThreadPoolExecutor(_LOOKERS) as pool:
-        seen = list(pool.map(_look_into_folder, tasks_of(frames)))
+    # Latency of a network disk dominates, so several threads scan at once.
+    with ThreadPoolExecutor(_SCAN_THREADS) as pool:
+        seen = list(pool.map(_digest_folder, tasks_of(frames)))
     wanted = (frames.grasp, frames.camera, frames.number)
     return FrameFiles(
         labels=digest(metas, [labels for labels, _ in seen], *wanted),
@@ -49,7 +49,7 @@ def look_at_files(frames: Frames) -> FrameFiles:
 
 
 def tasks_of(frames: Frames) -> Iterator[Task]:
-    """The frames, in their order, by folder.
+    """Frames grouped by folder, in their order.
 
     Raises:
         FileNotFoundError: A camera's folder is missing.
@@ -67,8 +67,8 @@ def tasks_of(frames: Frames) -> Iterator[Task]:
         yield folder, tuple(frames.number[start:stop].tolist())
 
 
-def _look_into_folder(task: Task) -> tuple[str, str]:
-    """What its labels are known by, and its images; a file that is missing is none of them."""
+def _digest_folder(task: Task) -> tuple[str, str]:
+    """Digests of a folder's labels and images; missing files are skipped."""
     folder, numbers = task
     with os.scandir(folder) as entries:
         there = {entry.name: entry for entry in entries}

@@ -1,6 +1,6 @@
-"""DexYCB's setups s0 to s3: who trains, who is tested, and the number of each frame (Sec. 4.1).
+"""DexYCB's setups s0 to s3: members of each split and ids of the frames (Sec. 4.1).
 
-A frame's number in a split is its id in files of results: subjects in the split's order, their sequences,
+A frame's number in a split is its id in results files: subjects in the split's order, their sequences,
 then cameras, then frames, counted before any label is looked at (NVlabs/dex-ycb-toolkit, `dex_ycb.py`).
 """
 
@@ -17,9 +17,9 @@ SETUPS: Final = {
     "s0": "all of them seen",
     "s1": "unseen subjects",
     "s2": "unseen views",
-    "s3": "unseen things",
+    "s3": "unseen objects",
 }
-"""What is new in each setup's test frames."""
+"""Novelty of each setup's test frames."""
 
 PARTS: Final = ("train", "val", "test")
 
@@ -27,7 +27,7 @@ _EVERY_SUBJECT: Final = tuple(range(len(SUBJECTS)))
 _EVERY_CAMERA: Final = tuple(range(len(SERIALS)))
 _EVERY_SEQUENCE: Final = tuple(range(SEQUENCES))
 _LAST_OF_FIVE: Final = tuple(index for index in _EVERY_SEQUENCE if index % 5 == 4)
-_THINGS_LEFT_OUT: Final = (3, 7, 11, 15, 19)
+_HELD_OUT_OBJECTS: Final = (3, 7, 11, 15, 19)
 
 
 @dataclass(frozen=True)
@@ -35,23 +35,23 @@ class Split:
     """A part of a setup."""
 
     subjects: tuple[int, ...] = _EVERY_SUBJECT
-    """Places in `SUBJECTS`, in the split's order."""
+    """Indices in `SUBJECTS`, in the split's order."""
     sequences: tuple[int, ...] = _EVERY_SEQUENCE
-    """Places of sequences among a subject's sorted ones."""
+    """Indices among a subject's sorted sequences."""
     cameras: tuple[int, ...] = _EVERY_CAMERA
-    """Places in `SERIALS`."""
+    """Indices in `SERIALS`."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Every frame of a split, in the order of their ids: the entry at a place belongs to that id."""
+    """Every frame of a split, in the order of their ids: entry i belongs to id i."""
 
     grasps: tuple[Grasp, ...]
     """The sequences of the split."""
     grasp: Int[np.ndarray, " frame"]
-    """Which of them."""
+    """Index of each frame's sequence in `grasps`."""
     camera: Int[np.ndarray, " frame"]
-    """Place of the camera in `SERIALS`."""
+    """Index of the camera in `SERIALS`."""
     number: Int[np.ndarray, " frame"]
     """Number of the frame in its sequence."""
 
@@ -64,7 +64,7 @@ class Frames:
 
 
 def split_named(setup: str, part: str) -> Split:
-    """The members of a part of a setup.
+    """Subjects, sequences and cameras of a part of a setup.
 
     Raises:
         ValueError: There is no such setup or part.
@@ -77,16 +77,16 @@ def split_named(setup: str, part: str) -> Split:
 
 
 def enumerate_frames(split: Split, grasps: Sequence[Grasp]) -> Frames:
-    """Number the frames of a split; only `num_frames` of each sequence is needed.
+    """List the frames of a split in the order of their ids, from the frame counts of the sequences.
 
     Args:
-        split: Its members.
+        split: Subjects, sequences and cameras of the split.
         grasps: All sequences of the split's subjects, in the split's order of subjects.
     """
     chosen = tuple(grasp for grasp in grasps if grasp.index in split.sequences)
     counts = np.array([grasp.frames for grasp in chosen], dtype=np.int64)
     cameras = np.array(split.cameras, dtype=np.int64)
-    # One stretch per sequence and camera, cameras outside, frames inside.
+    # One run of frames per sequence and camera; cameras vary in the outer loop, frames in the inner one.
     lengths = np.repeat(counts, len(cameras))
     starts = np.cumsum(lengths) - lengths
     return Frames(
@@ -101,9 +101,9 @@ def _without(sequences: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(index for index in _EVERY_SEQUENCE if index not in sequences)
 
 
-def _of_things(things: tuple[int, ...]) -> tuple[int, ...]:
-    """Five sequences in a row show one thing."""
-    return tuple(index for index in _EVERY_SEQUENCE if index // 5 in things)
+def _of_objects(objects: tuple[int, ...]) -> tuple[int, ...]:
+    """Sequences that show some objects; five consecutive ones show one object."""
+    return tuple(index for index in _EVERY_SEQUENCE if index // 5 in objects)
 
 
 _SPLITS: Final[dict[str, tuple[Split, Split, Split]]] = {
@@ -119,8 +119,8 @@ _SPLITS: Final[dict[str, tuple[Split, Split, Split]]] = {
     ),
     "s2": (Split(cameras=(0, 1, 2, 3, 4, 5)), Split(cameras=(6,)), Split(cameras=(7,))),
     "s3": (
-        Split(sequences=_without(_of_things(_THINGS_LEFT_OUT))),
-        Split(sequences=_of_things((3, 19))),
-        Split(sequences=_of_things((7, 11, 15))),
+        Split(sequences=_without(_of_objects(_HELD_OUT_OBJECTS))),
+        Split(sequences=_of_objects((3, 19))),
+        Split(sequences=_of_objects((7, 11, 15))),
     ),
 }

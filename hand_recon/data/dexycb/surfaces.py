@@ -1,4 +1,4 @@
-"""DexYCB's surfaces, which are not stored: MANO posed by the labels, for evaluation (Sec. 4.1).
+"""DexYCB's surfaces, computed by MANO from the labels, for evaluation (Sec. 4.1).
 
 Two conventions are in use. `official` poses a left hand with MANO's left hand as it was released, which is
 how the labels were made (dex-ycb-toolkit issue 28). `mirror_right` mirrors the pose and takes the right hand
@@ -25,20 +25,20 @@ from hand_recon.schema import HandParameters
 logger = logging.getLogger(__name__)
 
 GT_MODES: Final = ("official", "mirror_right")
-"""How left hands' surfaces are made."""
+"""Constructions of left hands' surfaces."""
 
 _CHUNK: Final = 4096
-"""Hands whose parameters are computed at a time."""
+"""Number of hands whose parameters are computed at a time."""
 
 
 @dataclass(frozen=True)
 class ManoPair:
-    """MANO's hands as DexYCB's labels mean them."""
+    """MANO's right and left hand in the conventions of DexYCB's labels."""
 
     right: ManoLayer
-    """Also what mirrored left hands are compared with."""
+    """Right hand, also used for mirrored left hands."""
     left: ManoLayer | None
-    """With the shape directions of the release; none where there are no left hands."""
+    """Left hand with the shape directions of the release; None where there are no left hands."""
 
     def parameters(
         self,
@@ -55,7 +55,7 @@ class ManoPair:
         betas: Float[Tensor, "*batch direction=10"],
         left: bool,
     ) -> ManoParameters:
-        """The same for the right layer: left hands are seen in a mirror that turns x round.
+        """MANO's parameters for the right layer, with left hands mirrored in x.
 
         Rotations become (x, −y, −z) as axis angles; coefficients of pose components have no such rule.
         """
@@ -72,7 +72,7 @@ class ManoPair:
         """The hand of one side.
 
         Raises:
-            ValueError: It is the left one, which was not loaded.
+            ValueError: The left hand is needed but was not loaded.
         """
         if not left:
             return self.right
@@ -82,7 +82,7 @@ class ManoPair:
 
 
 class DexYcbSurfaces:
-    """Row → ground truth vertices of the hand as it is, camera's frame, metres."""
+    """Function from a row to its ground truth vertices, camera frame, metres, not mirrored."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class DexYcbSurfaces:
         left: Bool[np.ndarray, " row"],
         gt_mode: str = "official",
     ) -> None:
-        """Remember the labels; a surface is made when it is asked for."""
+        """Store the labels; surfaces are computed on request."""
         self.mano = mano
         self.pose_m = pose_m
         self.betas = betas
@@ -119,7 +119,7 @@ class DexYcbSurfaces:
         return len(self.pose_m)
 
     def select(self, rows: Int[np.ndarray, " row"]) -> "DexYcbSurfaces":
-        """Those of some rows."""
+        """Surfaces of some rows."""
         mode = "mirror_right" if self.mirror else "official"
         return DexYcbSurfaces(self.mano, self.pose_m[rows], self.betas[rows], self.left[rows], mode)
 
@@ -140,11 +140,11 @@ class DexYcbSurfaces:
 
 
 def load_pair(folder: Path | str | None, left_hands: bool) -> ManoPair | None:
-    """MANO's hands from the user's folder; a warning and None if they are not there.
+    """Load MANO's hands from the user's folder; None, with a warning, if they are missing.
 
     Args:
-        folder: Which `hand_recon.prepare mano` filled.
-        left_hands: Whether the left hand is needed.
+        folder: Folder that `hand_recon.prepare mano` filled.
+        left_hands: Load the left hand too.
     """
     if folder is None:
         logger.warning(

@@ -1,4 +1,4 @@
-"""FreiHAND for Lightning (Sec. 4.1)."""
+"""Lightning datamodule of FreiHAND (Sec. 4.1)."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from hand_recon.schema import HandParameters
 
 
 class FreiHandDataModule(ImageDataModule):
-    """Real hands in FreiHAND's layout; see `FreiHandRecipe` for what may be chosen."""
+    """Real hands in FreiHAND's layout; see `FreiHandRecipe` for the options."""
 
     name = "freihand"
     landmarks = "mano"
@@ -28,11 +28,11 @@ class FreiHandDataModule(ImageDataModule):
         mano: Path | str | None = None,
         **options: Any,  # noqa: ANN401  # Those of `ImageDataModule`.
     ) -> None:
-        """Remember what to read.
+        """Store the settings; files are read on first use.
 
         Args:
             *location: The folder that holds `training_xyz.json`, unless it is given as `root`.
-            mano: The folder of the user's MANO, for `train_parameters` alone.
+            mano: Folder of the user's MANO, used only by `train_parameters`.
             **options: Those of `ImageDataModule`, and fields of `FreiHandRecipe`.
         """
         self.mano = mano
@@ -42,7 +42,7 @@ class FreiHandDataModule(ImageDataModule):
         """Pose and shape of the training hands, from `training_mano.json` and the user's own MANO.
 
         Raises:
-            FileNotFoundError: There are labels, and MANO is not there.
+            FileNotFoundError: There are labels, but MANO is missing.
         """
         found = None if self.mano is None else training_mano(self.recipe)
         if found is None or self.mano is None:

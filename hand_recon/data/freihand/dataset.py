@@ -1,6 +1,6 @@
 """FreiHAND: real right hands with camera matrices; 2D labels are projected 3D ones (Sec. 4.1).
 
-Any folder in FreiHAND's layout will do. Training reads images, `training_K.json` and
+Any folder in FreiHAND's layout can be read. Training reads images, `training_K.json` and
 `training_xyz.json`; vertices are used where present, for evaluation.
 """
 
@@ -21,18 +21,18 @@ logger = logging.getLogger(__name__)
 
 
 class FreiHand(AnnotatedImages):
-    """One split: training hands in all their colourings, others in one."""
+    """One split of FreiHAND: training hands in all their colourings, other hands in one."""
 
     def __init__(
         self, split: str, recipe: FreiHandRecipe, with_vertices: bool | None = None
     ) -> None:
-        """Read the annotations; images are read when asked for, or once into the cache.
+        """Read the annotations; images are read on request, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
-            recipe: Everything else.
-            with_vertices: Whether to give the surfaces; by default only those of the test hands: to
-                read those of the training part takes long, and validation can do without.
+            recipe: All other settings.
+            with_vertices: Load the surfaces; by default only for test hands, as those of the training
+                part take long to read and validation does not need them.
 
         Raises:
             FileNotFoundError: A file is missing.
@@ -52,7 +52,7 @@ class FreiHand(AnnotatedImages):
         crop = recipe.test_crop if split == "test" and recipe.test_crop is not None else recipe.crop
         super().__init__(
             table,
-            # The benchmark shows each hand once; four colourings of it would only cost time.
+            # The benchmark has each hand once; four colourings of it would only cost time.
             self._images_of(self.chosen, versions if split == "train" else versions[:1]),
             ImageRecipe(crop, recipe.reading),
             cached_rows=self._images_of(np.arange(len(self.part)), versions),
@@ -76,7 +76,7 @@ class FreiHand(AnnotatedImages):
         )
 
     def _wanted_versions(self) -> tuple[str, ...]:
-        """The colourings that some split of this recipe reads."""
+        """Colourings that any split of this recipe reads."""
         available = self.part.versions
         if self.part.name == "evaluation":
             return available
@@ -98,7 +98,7 @@ class FreiHand(AnnotatedImages):
         return np.concatenate([hands + step for step in steps])
 
     def _choose_vertices(self, wanted: bool) -> Float[np.ndarray, "hand vertex 3"] | None:
-        """The surfaces, if there are any and they are comparable with the hand model's."""
+        """Surfaces; None if there are none, or they are not comparable with the hand model's."""
         vertices = self.part.vertices(self.recipe.reading.folder) if wanted else None
         if vertices is None:
             if wanted:
@@ -127,7 +127,7 @@ class FreiHand(AnnotatedImages):
         return vertices
 
     def _check_projections(self) -> None:
-        """Refuse labels of which most are far outside the images: K belongs to another size."""
+        """Refuse labels most of which lie far outside the images: K belongs to another image size."""
         image = read_image(self.part.images[int(self.chosen[0])]) if len(self.chosen) else None
         if image is None:
             return
@@ -144,7 +144,7 @@ class FreiHand(AnnotatedImages):
 
 
 class _Repeated:
-    """Something per hand, asked for by image."""
+    """Values per hand, indexed by image."""
 
     def __init__(self, of_hand: Any, hands: int) -> None:  # noqa: ANN401  # an array, or images
         self.of_hand = of_hand

@@ -1,4 +1,4 @@
-"""FreiHAND's folders: what must be there, what it must look like, and what to do if it does not.
+"""Reads and checks FreiHAND's folders.
 
 One part is `training` or `evaluation`: `<part>/rgb/00000000.jpg` …, `<part>_K.json`,
 `<part>_xyz.json` and, where present, `<part>_scale.json` and `<part>_verts.json` (Zimmermann et
@@ -38,11 +38,11 @@ class FreiHandPart:
     rgb: Path
     """The folder that holds the images."""
     suffix: str
-    """How their names end."""
+    """Suffix of the image files."""
     versions: tuple[str, ...]
-    """Which versions of each hand are there."""
+    """Available versions of each hand."""
     fingerprint: str
-    """Changes whenever an image, a mask or a label does."""
+    """Digest that changes when an image, a mask or a label changes."""
     intrinsics: Float[np.ndarray, "hand 3 3"]
     """Camera matrices, pixels of the image."""
     landmarks: Float[np.ndarray, "hand landmark=21 3"]
@@ -63,7 +63,7 @@ class FreiHandPart:
 
     @property
     def masks(self) -> NumberedImages:
-        """Where the hand is white, one per hand, whatever its colouring; only training has them."""
+        """Mask files, one per hand for all colourings, white on black; only the training part has them."""
         return NumberedImages(self.rgb.with_name("mask"), ".jpg", len(self))
 
     def projections(self) -> Float[np.ndarray, "hand landmark=21 2"]:
@@ -92,7 +92,7 @@ def open_part(
     Args:
         root: Folder of the annotations.
         part: `training` or `evaluation`.
-        cache_dir: Where parsed annotations are kept; none parses them every time.
+        cache_dir: Folder of parsed annotations; None parses them every time.
         rgb_root: Folder of the images, if it is another.
 
     Raises:
@@ -117,7 +117,7 @@ def open_part(
             f"images ({len(landmarks) * allowed} in a full set). Unpack {ARCHIVES[part]} again, or "
             "cut the JSON lists to the images that you have."
         )
-    # Whatever the crops are cut about: then maps of other crops are not taken for old ones.
+    # Masks count for every crop policy, so that changed masks always make a new map of crops.
     masks = masks_fingerprint(rgb.with_name("mask"))
     return FreiHandPart(
         root=root,
@@ -131,7 +131,7 @@ def open_part(
 
 
 def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Path] | None:
-    """Where the evaluation's annotations and images are: its archive unpacks beside the other.
+    """Find the evaluation part's annotations and images; its archive unpacks beside the other.
 
     Args:
         root: Folder of the training part.
@@ -151,14 +151,14 @@ def find_evaluation(root: Path, eval_root: Path | str | None) -> tuple[Path, Pat
 def load_list(
     root: Path, part: str, kind: str, shape: tuple[int | None, ...], cache_dir: Path | None
 ) -> Float[np.ndarray, "..."]:
-    """One of a part's lists.
+    """Read and check one of a part's lists.
 
     Args:
         root: Folder of the annotations.
         part: `training` or `evaluation`.
         kind: `xyz`, `K`, `scale` or `mano`.
-        shape: What it must be; none for any size.
-        cache_dir: Where it is kept once parsed.
+        shape: Expected shape, with None for any size.
+        cache_dir: Folder of parsed annotations.
 
     Raises:
         FileNotFoundError: It is not there.
@@ -174,7 +174,7 @@ def load_list(
 
 
 def _missing(root: Path, name: str, part: str) -> str:
-    """What to say when a file is not there."""
+    """Error message for a missing file."""
     if not root.is_dir():
         return (
             f"No folder {root}. Unpack {ARCHIVES['training']} and set data.root to the folder that "
@@ -203,7 +203,7 @@ def _check_shape(path: Path, array: np.ndarray, shape: tuple[int | None, ...]) -
 
 
 def _check_landmarks(path: Path, landmarks: Float[np.ndarray, "hand landmark=21 3"]) -> None:
-    """Refuse what cannot be hands in front of a camera, in metres."""
+    """Refuse landmarks that cannot be hands in front of a camera, in metres."""
     _refuse(path, ~np.isfinite(landmarks).all(axis=(1, 2)), "landmarks that are not finite")
     behind = np.any(landmarks[..., 2] <= 0, axis=1)
     _refuse(path, behind, "landmarks at z ≤ 0, behind the camera (OpenGL axes? turn y and z round)")
@@ -216,7 +216,7 @@ def _check_landmarks(path: Path, landmarks: Float[np.ndarray, "hand landmark=21 
 
 
 def _check_intrinsics(path: Path, intrinsics: Float[np.ndarray, "hand 3 3"]) -> None:
-    """Refuse what is no camera matrix."""
+    """Refuse matrices that are not camera matrices."""
     focal = intrinsics[:, [0, 1], [0, 1]]
     last_row = np.abs(intrinsics[:, 2] - np.array([0, 0, 1])).max(axis=-1) < 1e-6
     good = np.isfinite(intrinsics).all(axis=(1, 2)) & (focal > 1).all(axis=-1) & last_row
@@ -228,10 +228,10 @@ def _check_scale(
     landmarks: Float[np.ndarray, "hand landmark=21 3"],
     scale: Float[np.ndarray, " hand"],
 ) -> None:
-    """The scale is the length of the middle finger's proximal phalanx, if the order is right."""
+    """Refuse scales that are not the length of the middle finger's proximal phalanx."""
     phalanx = np.linalg.norm(landmarks[:, 9] - landmarks[:, 10], axis=-1)
     wrong = ~(np.abs(phalanx - scale) < 0.01 * phalanx)
-    # A few hands may have been annotated anew; a wrong order or unit breaks nearly all of them.
+    # A few hands may have new annotations; a wrong order or unit affects nearly all of them.
     if wrong.mean() <= 0.01:
         for index in np.flatnonzero(wrong)[:5]:
             logger.warning("%s: entry %d is not the length of its phalanx.", path, index)

@@ -1,4 +1,4 @@
-"""FreiHAND's images: numbered without gaps, of one kind."""
+"""FreiHAND's image files: numbered without gaps, of one file type."""
 
 import os
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ from typing import Final
 from hand_recon.data.cache import digest
 
 ARCHIVES: Final = {"training": "FreiHAND_pub_v2.zip", "evaluation": "FreiHAND_pub_v2_eval.zip"}
-"""Which download holds each part's annotations."""
+"""Download that holds each part's annotations."""
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""Kinds of image that are read; one folder holds one kind."""
+"""Suffixes of image files that are read; a folder holds one kind."""
 
 
 @dataclass(frozen=True)
 class NumberedImages:
-    """Images named by their number."""
+    """Image files named by their number."""
 
     folder: Path
-    """Where they are."""
+    """Folder of the images."""
     suffix: str
-    """How their names end."""
+    """Suffix of the image files."""
     count: int
-    """How many there are, numbered from zero."""
+    """Number of images, numbered from zero."""
 
     def __len__(self) -> int:
         return self.count
@@ -63,12 +63,12 @@ def list_images(rgb: Path) -> tuple[str, int, str]:
 
 
 def masks_fingerprint(folder: Path) -> str:
-    """Changes whenever a mask does, by size or time; a folder that is not there has one too."""
+    """Digest of the masks' sizes and modification times; a missing folder has a digest too."""
     return digest(sorted(_files(folder).items()) if folder.is_dir() else None)
 
 
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
-    """Size and time of change of each image in a folder."""
+    """Size and modification time of each image in a folder."""
     found = {}
     with os.scandir(folder) as entries:
         for entry in entries:

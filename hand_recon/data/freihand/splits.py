@@ -1,4 +1,4 @@
-"""Which of FreiHAND's hands train, validate and test (Sec. 4.1)."""
+"""Training, validation and test splits of FreiHAND (Sec. 4.1)."""
 
 import logging
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FreiHandRecipe:
-    """Which hands, and how they are cut out and read.
+    """Settings of FreiHAND: files, splits, crops and reading.
 
     Raises:
-        ValueError: A choice does not exist.
+        ValueError: An option has an unknown value.
     """
 
     root: Path | str
@@ -29,17 +29,17 @@ class FreiHandRecipe:
     crop: CropPolicy = field(default_factory=CropPolicy)
     """Size and position of the crops."""
     test_crop: CropPolicy | None = None
-    """The same for test hands, where it differs: the evaluation part has no masks."""
+    """Size and position of the test crops, if different: the evaluation part has no masks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged images are too many."""
+    """Caches and the number of damaged images allowed."""
     eval_root: Path | str | None = None
     """The folder that holds `evaluation_xyz.json`, if it is not the same or `<root>_eval`."""
     versions: Sequence[str] | None = None
-    """Which colourings to train on; none for all that are there. Others see the first one only."""
+    """Colourings to train on; None for all available. Other splits use the first one only."""
     val_fraction: float = 0.1
-    """Share of the training hands that validate; as many again test if nothing else can."""
+    """Share of the training hands for validation; as many again for testing without an evaluation part."""
     split_seed: int = 0
-    """Fixes who validates: the same for all seeds of a study."""
+    """Seed of the split, the same for all seeds of a study."""
     test_source: str = "auto"
     """`evaluation`, `held_out` training hands, or `auto`: the first that there is."""
     vertices: int | None = 778
@@ -54,11 +54,11 @@ class FreiHandRecipe:
 def choose_hands(
     split: str, recipe: FreiHandRecipe
 ) -> tuple[FreiHandPart, Int[np.ndarray, " chosen"]]:
-    """The part that a split reads, and the hands in it; a hand keeps its colourings.
+    """Part and hands of a split; all colourings of a hand are in one split.
 
     Args:
         split: `train`, `val` or `test`.
-        recipe: Where the files are and who tests.
+        recipe: Location of the files and source of test hands.
 
     Raises:
         FileNotFoundError: A file is missing.
@@ -96,10 +96,10 @@ def choose_hands(
 def training_mano(
     recipe: FreiHandRecipe,
 ) -> tuple[Float[np.ndarray, "hand number=61"], Float[np.ndarray, "hand 3 3"]] | None:
-    """MANO's parameters of the training hands as the files have them, and their cameras.
+    """MANO's parameters of the training hands as stored, and their camera matrices.
 
     Args:
-        recipe: Where the files are.
+        recipe: Location of the files.
 
     Returns:
         None where there is no `training_mano.json`.

@@ -1,4 +1,4 @@
-"""All annotations of a part of HO3D in a few arrays: 83,325 pickles are read once, then mapped."""
+"""Reads all annotations of a part of HO3D into a few arrays; 83,325 pickles are read once, then cached."""
 
 import logging
 from collections.abc import Iterator
@@ -20,20 +20,20 @@ from hand_recon.hand.skeleton import landmark_permutation
 logger = logging.getLogger(__name__)
 
 OPENGL: Final = np.array([1.0, -1.0, -1.0])
-"""Signs between HO3D's camera, y up and looking along −z, and this project's; its own inverse."""
+"""Signs that convert between HO3D's camera axes (y up, view along −z) and this project's."""
 
 TO_FREIHAND: Final = list(landmark_permutation("ho3d", "freihand"))
-"""What takes landmarks in HO3D's order to this project's."""
+"""Indices that reorder landmarks from HO3D's order to this project's."""
 
 FORMAT: Final = 1
-"""Goes up when the arrays change."""
+"""Version of the cached arrays."""
 
 _MANO: Final[dict[str, tuple[int, ...]]] = {"handPose": (48,), "handBeta": (10,), "handTrans": (3,)}
 
 
 @dataclass(frozen=True)
 class Annotations:
-    """One row per frame of the list, numbers as they are in the files; NaN where a frame has none."""
+    """Annotations, one row per frame of the list, as in the files; NaN where a frame has none."""
 
     intrinsics: Float[np.ndarray, "frame 3 3"]
     """Camera matrices, pixels of the image."""
@@ -49,7 +49,7 @@ class Annotations:
 
     @property
     def annotated(self) -> Bool[np.ndarray, " frame"]:
-        """Which frames have an annotation."""
+        """True for frames with an annotation."""
         return np.isfinite(self.joints).all(axis=(1, 2)) & np.isfinite(self.intrinsics).all(
             axis=(1, 2)
         )
@@ -65,8 +65,8 @@ def read_annotations(part: Ho3dPart, reading: ReadingPolicy) -> Annotations:
     """The annotations of a part, from the cache if there is one.
 
     Args:
-        part: Frames that are not there stay NaN.
-        reading: Where the arrays are kept, and how many threads read.
+        part: Part to read; missing frames are NaN.
+        reading: Folder of caches and number of reading threads.
 
     Raises:
         RefusedMetaError: A file is damaged or asks for what no annotation needs.
@@ -113,14 +113,14 @@ def _read_all(part: Ho3dPart, workers: int) -> Annotations:
 
 
 def _read_metas(part: Ho3dPart, rows: list[int], workers: int) -> Iterator[Meta]:
-    # The disk is what is waited for: several threads ask it at once.
+    # Disk latency dominates, so several threads read at once.
     with ThreadPoolExecutor(max(1, workers)) as pool:
         metas = pool.map(lambda row: read_meta(part.meta(row)), rows)
         yield from with_progress(metas, len(rows), "Reading annotations")
 
 
 def _mano_numbers(meta: Meta) -> Float[np.ndarray, " number=61"]:
-    """Pose, shape and translation; NaN where a folder of somebody's own has no MANO."""
+    """MANO's pose, shape and translation; NaN where the meta file has none."""
     parts = [meta.numbers(key, shape) if key in meta else None for key, shape in _MANO.items()]
     if any(part is None for part in parts):
         return np.full(61, np.nan)

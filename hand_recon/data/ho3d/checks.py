@@ -1,6 +1,6 @@
-"""Refuses HO3D landmarks that cannot be hands before a camera, and says what they are instead.
+"""Checks that HO3D's landmarks have the expected axes, order and unit, and names what was found instead.
 
-Wrong axes, orders and units give a dataset that trains without a complaint and is wrong throughout.
+A dataset with wrong axes, order or unit trains without an error and gives wrong results.
 """
 
 from pathlib import Path
@@ -13,10 +13,10 @@ from hand_recon.hand.landmark_order import better_order
 from hand_recon.hand.skeleton import ROOT_LANDMARK, landmark_permutation
 
 PROBES: Final = 1000
-"""Frames whose bones are measured."""
+"""Number of frames whose bones are measured."""
 
 PALM_LENGTHS: Final = (0.04, 0.2)
-"""Metres from wrist to middle MCP, in the median, that some hand could have; grown hands have 0.1."""
+"""Possible medians of the distance from wrist to middle MCP, metres; adults' hands have 0.1."""
 
 
 def check_landmarks(
@@ -24,12 +24,12 @@ def check_landmarks(
     landmarks: Float[np.ndarray, "frame landmark=21 3"],
     names: list[str],
 ) -> None:
-    """Refuse what is not HO3D's.
+    """Refuse landmarks with another order, other axes or another unit than HO3D's.
 
     Args:
         path: Where they come from, for messages.
-        landmarks: FreiHAND's order, OpenCV's axes, metres, if they were HO3D's in their file.
-        names: Of the frames.
+        landmarks: Landmarks converted from HO3D's format to FreiHAND's order, OpenCV's axes and metres.
+        names: Names of the frames.
 
     Raises:
         ValueError: They are behind the camera, in another order or unit.
@@ -52,11 +52,11 @@ def check_wrists_inside(
     wrists: Float[np.ndarray, "frame 2"],
     size: tuple[int, int],
 ) -> None:
-    """Refuse cameras that do not belong to the images.
+    """Refuse camera matrices that do not belong to the images.
 
     Args:
         path: Where the cameras come from, for messages.
-        wrists: Their projections, pixels.
+        wrists: Projections of the wrists, pixels.
         size: Width and height of the images.
 
     Raises:

@@ -1,4 +1,4 @@
-"""HO3D for Lightning (Sec. 4.1)."""
+"""Lightning datamodule of HO3D (Sec. 4.1)."""
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
@@ -8,7 +8,7 @@ from hand_recon.schema import HandParameters
 
 
 class Ho3dDataModule(ImageDataModule):
-    """Real right hands in HO3D's layout; see `Ho3dRecipe` for what may be chosen."""
+    """Real right hands in HO3D's layout; see `Ho3dRecipe` for the options."""
 
     name = "ho3d"
     landmarks = "ho3d"
@@ -17,7 +17,7 @@ class Ho3dDataModule(ImageDataModule):
     default_crop = CropPolicy(around="joints")
 
     def train_parameters(self, limit: int | None = None) -> HandParameters | None:
-        """What the annotations say of the training hands, through the user's MANO; none without it."""
+        """Pose and shape of the training hands, through the user's MANO; None without it."""
         dataset = self.dataset("train")
         hands = dataset.mano_hands() if isinstance(dataset, Ho3d) else None
         if hands is None or not isinstance(dataset, Ho3d):

@@ -1,7 +1,8 @@
 """HO3D v3 and v2: right hands with objects, camera matrices and 3D landmarks (Sec. 4.1).
 
-Its own axes (OpenGL's) and order of landmarks end here. 2D labels are projected from the 3D ones, as it
-stores none; crops are cut around them in training and around HO3D's own boxes in its evaluation part.
+HO3D's axes (OpenGL's) and landmark order are converted to the project's here. 2D labels are projected from
+the 3D ones, as HO3D stores none; crops are cut around them in training and around HO3D's own boxes in its
+evaluation part.
 """
 
 import logging
@@ -37,10 +38,10 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Ho3dRecipe:
-    """Which hands, and how they are cut out and read.
+    """Settings of HO3D: files, splits, crops and reading.
 
     Raises:
-        ValueError: A choice does not exist.
+        ValueError: An option has an unknown value.
     """
 
     root: Path | str
@@ -52,18 +53,18 @@ class Ho3dRecipe:
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
     """Size and position of the crops."""
     test_crop: CropPolicy | None = None
-    """The same for test hands, where it differs: evaluation frames have boxes and no landmarks."""
+    """Size and position of the test crops, if different: evaluation frames have boxes and no landmarks."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
-    """Caches, and how many damaged images are too many."""
+    """Caches and the number of damaged images allowed."""
     val_fraction: float = 0.1
-    """Least share of the training frames that validate, in whole recordings; as many again test if nothing
-    else can."""
+    """Smallest share of the training frames for validation, in whole recordings; as many again for testing
+    without ground truth of the evaluation part."""
     split_seed: int = 0
-    """Fixes who validates: the same for all seeds of a study."""
+    """Seed of the split, the same for all seeds of a study."""
     test_source: str = "auto"
     """`evaluation`, `held_out` training recordings, or `auto`: the former where it has ground truth."""
     mano: Path | str | None = None
-    """Folder of the user's MANO, for the surfaces of training hands; none goes without."""
+    """Folder of the user's MANO, for the surfaces of training hands; None leaves them out."""
     vertices: int | None = 778
     """Vertices of the hand model; surfaces with another number are left out. None takes any."""
     topology: str = "open"
@@ -76,7 +77,7 @@ class Ho3dRecipe:
 
     @property
     def folder(self) -> Path:
-        """The root, without a tilde."""
+        """The root, with `~` expanded."""
         return Path(self.root).expanduser()
 
 
@@ -88,13 +89,13 @@ class Ho3d(AnnotatedImages):
     submission can be placed. None for training frames."""
 
     def __init__(self, split: str, recipe: Ho3dRecipe, with_vertices: bool | None = None) -> None:
-        """Read the annotations; images are read when asked for, or once into the cache.
+        """Read the annotations; images are read on request, or once into the cache.
 
         Args:
             split: `train`, `val` or `test`.
-            recipe: Everything else.
-            with_vertices: Whether to give the surfaces; by default only those of the test hands. Those of
-                training frames are made by MANO, where `recipe.mano` has it.
+            recipe: All other settings.
+            with_vertices: Load the surfaces; by default only for test hands. Those of training frames are
+                computed by MANO, where `recipe.mano` has it.
 
         Raises:
             FileNotFoundError: A file is missing.
@@ -128,7 +129,7 @@ class Ho3d(AnnotatedImages):
             table = self._training_table(wanted)
         self._check(table, kept)
         crop = recipe.test_crop if split == "test" and recipe.test_crop is not None else recipe.crop
-        # Splits of the training part that are cut alike share one map of crops.
+        # Splits of the training part with the same crop policy share one map of crops.
         shared = not benchmark and crop == recipe.crop
         super().__init__(
             table, rows, ImageRecipe(crop, recipe.reading), cached_rows=kept if shared else rows
@@ -178,12 +179,14 @@ class Ho3d(AnnotatedImages):
             )  # fmt: skip
             unknown = np.full((count, 21, 2), np.nan)
             return self._table(labels=unknown, landmarks=None, boxes=annotations.boxes)
-        truth = load_ground_truth(folder, self.part, annotations, self.recipe.reading.folder)
+        ground_truth = load_ground_truth(folder, self.part, annotations, self.recipe.reading.folder)
+        comparable = with_vertices and self._comparable(ground_truth, folder)
+        surfaces = ground_truth.surface if comparable else None
         return self._table(
-            labels=project_array(truth.landmarks, annotations.intrinsics),
-            landmarks=truth.landmarks,
+            labels=project_array(ground_truth.landmarks, annotations.intrinsics),
+            landmarks=ground_truth.landmarks,
             boxes=annotations.boxes,
-            surfaces=truth.surface if with_vertices and self._comparable(truth, folder) else None,
+            surfaces=surfaces,
         )
 
     def _table(
@@ -198,7 +201,7 @@ class Ho3d(AnnotatedImages):
             name=f"ho3d-{self.part.name}",
             root=self.part.root,
             images=self.part.images,
-            # The evaluation's landmarks are files beside the part.
+            # The evaluation's landmarks are in files of their own, which the part's digest does not cover.
             fingerprint=digest(self.part.fingerprint, landmarks),
             landmarks_2d=labels,
             intrinsics=self.annotations.intrinsics,
@@ -208,13 +211,13 @@ class Ho3d(AnnotatedImages):
         )
 
     def mano_hands(self) -> ManoHands | None:
-        """The training part's hands as MANO's; none without MANO or in the evaluation part."""
+        """MANO's hands of the training part; None without MANO or for the evaluation part."""
         layer = load_mano_if_there(self.recipe.mano) if self.part.name == "train" else None
         return None if layer is None else ManoHands(layer, self.annotations, self.part.list_file)
 
-    def _comparable(self, truth: EvaluationGroundTruth, folder: Path) -> bool:
-        """Whether the surfaces can be compared with the hand model's, vertex by vertex."""
-        vertices = truth.raw_vertices
+    def _comparable(self, ground_truth: EvaluationGroundTruth, folder: Path) -> bool:
+        """True if the surfaces are comparable with the hand model's, vertex by vertex."""
+        vertices = ground_truth.raw_vertices
         if vertices is None:
             logger.warning("No evaluation_verts.json in %s: vertex metrics are left out.", folder)
             return False
@@ -225,7 +228,7 @@ class Ho3d(AnnotatedImages):
                 folder, vertices.shape[1], expected,
             )  # fmt: skip
             return False
-        if self.recipe.topology != "mano" and _follows_mano(truth):
+        if self.recipe.topology != "mano" and _follows_mano(ground_truth):
             logger.warning(
                 "%s has MANO's surfaces, which cannot be compared vertex by vertex with hand=%s: "
                 "vertex metrics are left out; hand=mano has them.", folder, self.recipe.topology,
@@ -234,7 +237,7 @@ class Ho3d(AnnotatedImages):
         return True
 
     def _check(self, table: AnnotatedHands, kept: Int[np.ndarray, " row"]) -> None:
-        """Refuse what cannot be right."""
+        """Check the landmarks and cameras."""
         path, annotations = self.part.list_file, self.annotations
         names = [self.part.frames[row] for row in kept]
         if table.landmarks_3d is not None:
@@ -246,7 +249,7 @@ class Ho3d(AnnotatedImages):
 
 
 def _annotated_rows(part: Ho3dPart, annotations: Annotations) -> Int[np.ndarray, " row"]:
-    """Rows that have an annotation; how many have none is said aloud."""
+    """Rows that have an annotation; the number without one is logged."""
     kept = np.flatnonzero(annotations.annotated)
     without = np.flatnonzero(part.present & ~annotations.annotated)
     if len(without):
@@ -270,10 +273,10 @@ def _image_size(images: FrameImages, rows: Int[np.ndarray, " row"]) -> tuple[int
     return None
 
 
-def _follows_mano(truth: EvaluationGroundTruth) -> bool:
-    """Whether surfaces number their vertices as MANO does: then its tip vertices are the tips."""
-    if truth.raw_vertices is None:
+def _follows_mano(ground_truth: EvaluationGroundTruth) -> bool:
+    """True if surfaces number their vertices as MANO does, so that MANO's tip vertices are the fingertips."""
+    if ground_truth.raw_vertices is None:
         return False
-    rows = range(min(INSPECTED_HANDS, len(truth.landmarks)))
-    surfaces = [surface for row in rows if (surface := truth.surface(row)) is not None]
-    return follows_mano(np.stack(surfaces), truth.landmarks[: len(surfaces)], "ho3d")
+    rows = range(min(INSPECTED_HANDS, len(ground_truth.landmarks)))
+    surfaces = [surface for row in rows if (surface := ground_truth.surface(row)) is not None]
+    return follows_mano(np.stack(surfaces), ground_truth.landmarks[: len(surfaces)], "ho3d")

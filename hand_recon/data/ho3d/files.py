@@ -1,4 +1,4 @@
-"""HO3D's folders: what must be there, and what to do if it is not (Hampali et al., CVPR 2020).
+"""Reads and checks HO3D's folders (Hampali et al., CVPR 2020).
 
 One part is `train` or `evaluation`: `<part>.txt` with lines `SEQ/0000`, `<part>/SEQ/rgb/0000.jpg` (version 3)
 or `.png` (version 2) and `<part>/SEQ/meta/0000.pkl`. Frames that are not in the list have no annotation.
@@ -23,20 +23,20 @@ COUNTS: Final = {
     "v3": {"train": 83_325, "evaluation": 20_137},
     "v2": {"train": 66_034, "evaluation": 11_524},
 }
-"""Lines of the lists of frames in the full sets."""
+"""Number of frames in the lists of the full datasets."""
 
 SUFFIXES: Final = (".png", ".jpg")
-"""Kinds of image in the order in which they are looked for, as the official reader does."""
+"""Suffixes of image files in the order of search, as in the official reader."""
 
 
 @dataclass(frozen=True)
 class FrameImages:
-    """The images of some frames."""
+    """Image files of some frames."""
 
     folder: Path
-    """The part's."""
+    """Folder of the part."""
     names: Sequence[str]
-    """`SEQ/rgb/0000.jpg`."""
+    """Paths inside the part, `SEQ/rgb/0000.jpg`."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -54,30 +54,30 @@ class Ho3dPart:
     name: str
     """`train` or `evaluation`."""
     frames: tuple[str, ...]
-    """`SEQ/0000`."""
+    """Names of the frames, `SEQ/0000`."""
     images: FrameImages
-    """Their images; where there is none, the name that one would have."""
+    """Image files of the frames; where one is missing, its expected path."""
     present: Bool[np.ndarray, " frame"]
-    """Which frames have an image and an annotation."""
+    """True for frames with an image and an annotation."""
     fingerprint: str
-    """Changes whenever an image, an annotation or the list does."""
+    """Digest that changes when an image, an annotation or the list changes."""
 
     def __len__(self) -> int:
         return len(self.frames)
 
     @property
     def list_file(self) -> Path:
-        """Where the frames are listed."""
+        """File that lists the frames."""
         return self.root / f"{self.name}.txt"
 
     def meta(self, row: int) -> Path:
-        """The annotation of a frame."""
+        """Annotation file of a frame."""
         sequence, number = self.frames[row].split("/")
         return self.root / self.name / sequence / "meta" / f"{number}.pkl"
 
 
 def open_part(root: Path, name: str, version: str) -> Ho3dPart:
-    """Find one part's files and say how many there are.
+    """Find one part's files and log how many there are.
 
     Args:
         root: The folder that holds `train.txt`.
@@ -86,7 +86,7 @@ def open_part(root: Path, name: str, version: str) -> Ho3dPart:
 
     Raises:
         FileNotFoundError: The list, or everything in it, is missing.
-        ValueError: The list is none of frames.
+        ValueError: The list does not hold frames.
     """
     path = root / f"{name}.txt"
     if not path.is_file():
@@ -108,7 +108,7 @@ def open_part(root: Path, name: str, version: str) -> Ho3dPart:
 
 
 def _missing(root: Path, name: str, version: str) -> str:
-    """What to say when a list is not there."""
+    """Error message for a missing list."""
     if not root.is_dir():
         return (
             f"No folder {root}. Unpack HO3D_{version}.zip and set data.root to the folder that holds "
@@ -142,7 +142,7 @@ def _read_list(path: Path) -> tuple[str, ...]:
 
 
 Listing = dict[str, tuple[int, int]]
-"""Path inside the part → size and time of change."""
+"""Path inside the part → size and modification time."""
 
 
 def _list_files(folder: Path, frames: tuple[str, ...]) -> tuple[Listing, Listing]:
@@ -164,7 +164,7 @@ def _list_files(folder: Path, frames: tuple[str, ...]) -> tuple[Listing, Listing
 def _report(
     path: Path, version: str, frames: tuple[str, ...], present: Bool[np.ndarray, " frame"]
 ) -> None:
-    """Say how much of the full set is there; nothing at all is an error."""
+    """Log how much of the full dataset is there; raise an error if nothing is."""
     listed, found, full = len(frames), int(present.sum()), COUNTS[version][path.stem]
     if not found:
         raise FileNotFoundError(

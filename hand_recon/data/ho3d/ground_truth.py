@@ -27,17 +27,17 @@ HOW_TO_GET: Final = (
 )
 
 FAR: Final = 0.02
-"""Metres by which wrists may miss those of the metas in the median: more is another hand."""
+"""Largest median distance of the wrists from those of the metas, metres; more means other frames."""
 
 
 @dataclass(frozen=True)
 class EvaluationGroundTruth:
-    """What is known of the evaluation frames, in the order of their list."""
+    """Ground truth of the evaluation frames, in the order of their list."""
 
     landmarks: Float[np.ndarray, "frame landmark=21 3"]
     """FreiHAND's order, camera frame, metres."""
     raw_vertices: Float[np.ndarray, "frame vertex 3"] | None
-    """As in the file, OpenGL's axes; mapped, not read."""
+    """Vertices as in the file, OpenGL's axes, metres; memory-mapped."""
 
     def surface(self, row: int) -> Float[np.ndarray, "vertex 3"] | None:
         """Vertices of a frame, camera frame, metres."""
@@ -45,7 +45,7 @@ class EvaluationGroundTruth:
 
 
 def find_ground_truth(root: Path, eval_root: Path | str | None) -> Path | None:
-    """The folder of the ground truth; none if it is not there.
+    """Folder of the ground truth; None if it is missing.
 
     Args:
         root: The dataset's folder.
@@ -61,13 +61,13 @@ def load_ground_truth(
     """Read the ground truth and compare it with the frames.
 
     Args:
-        folder: Of the files.
+        folder: Folder of the files.
         part: The evaluation part.
-        annotations: Of the part: they have the wrists.
-        cache_dir: Where parsed lists are kept.
+        annotations: Annotations of the part, which have the wrists.
+        cache_dir: Folder of parsed lists; None parses them every time.
 
     Raises:
-        ValueError: It is that of other frames.
+        ValueError: The ground truth belongs to other frames.
     """
     landmarks = _load(folder / LANDMARKS_FILE, part, (21, 3), cache_dir)
     vertices = None
@@ -94,13 +94,13 @@ def _load(
 def _check_wrists(
     path: Path, landmarks: Float[np.ndarray, "frame joint=21 3"], annotations: Annotations
 ) -> None:
-    """The metas have each frame's wrist: another order of frames, or other axes, shows there."""
+    """Compare the wrists with those of the metas, to detect another order of frames or other axes."""
     known = annotations.annotated
-    wrists, truth = annotations.joints[known, 0], landmarks[known, 0]
-    distance = _median_distance(wrists, truth)
+    wrists, ground_truth = annotations.joints[known, 0], landmarks[known, 0]
+    distance = _median_distance(wrists, ground_truth)
     if distance <= FAR:
         return
-    if _median_distance(wrists, truth * OPENGL) <= FAR:
+    if _median_distance(wrists, ground_truth * OPENGL) <= FAR:
         raise ValueError(
             f"{path} has OpenCV's axes (z > 0), expected HO3D's own: multiply y and z by −1."
         )

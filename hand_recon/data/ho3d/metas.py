@@ -1,7 +1,7 @@
-"""HO3D's `meta/*.pkl`: dictionaries of small arrays, read without running anything in them.
+"""Reads HO3D's `meta/*.pkl`, dictionaries of small arrays, without executing pickled code.
 
-A pickle names functions and classes that its reader fetches and calls. Arrays need five; every one of them
-stands here for an inert record (`inert_pickle.py`), and any other name is refused.
+A pickle names functions and classes that its reader imports and calls. Arrays need five; each of them is
+replaced by an inert record (`inert_pickle.py`), and any other name is refused.
 The files were written by Python 2 (shreyashampali/ho3d): their strings are read as Latin-1.
 """
 
@@ -15,10 +15,10 @@ from hand_recon.hand.mano.inert_pickle import RefusedPickleError, load_inert
 from hand_recon.hand.mano.pickled_arrays import NUMPY_NAMES, NoNumbersError, is_nothing, to_array
 
 MAX_BYTES: Final = 16 * 2**20
-"""Largest file that is read; HO3D's have some 50 kB."""
+"""Largest file that is read, bytes; HO3D's have about 50 kB."""
 
 MAX_OPERATIONS: Final = 2**17
-"""Most instructions in it; HO3D's have some hundreds."""
+"""Largest number of pickle instructions; HO3D's files have some hundreds."""
 
 _CURE: Final = (
     "Unpack the archive again; if it stays, take the frame out of the list of ids in the .txt file."
@@ -26,14 +26,14 @@ _CURE: Final = (
 
 
 class RefusedMetaError(ValueError):
-    """A meta file asks for what no array needs, is damaged, or lacks what it should hold."""
+    """Error for a meta file that names unexpected functions, is damaged or lacks an entry."""
 
 
 class Meta:
     """One frame's annotation."""
 
     def __init__(self, path: Path, content: dict[str, object]) -> None:
-        """Keep the content; `read_meta` reads it."""
+        """Store the content, which `read_meta` reads."""
         self.path = path
         self._content = content
 
@@ -41,10 +41,10 @@ class Meta:
         return key in self._content
 
     def numbers(self, key: str, shape: tuple[int, ...]) -> Float[np.ndarray, "..."] | None:
-        """An entry as an array of that shape; none where the frame has no annotation.
+        """An entry as an array of the given shape; None where the frame has no annotation.
 
         Raises:
-            RefusedMetaError: There is no such entry, or it is something else.
+            RefusedMetaError: The entry is missing, or it is not an array of that shape.
         """
         if key not in self._content:
             raise RefusedMetaError(
@@ -68,8 +68,8 @@ def read_meta(path: Path) -> Meta:
     """Read one file.
 
     Raises:
-        RefusedMetaError: It asks for more than arrays, is damaged, or holds no dictionary.
-        FileNotFoundError: It is not there.
+        RefusedMetaError: The file names more than arrays need, is damaged, or holds no dictionary.
+        FileNotFoundError: The file is missing.
     """
     content = path.read_bytes()
     if len(content) > MAX_BYTES:

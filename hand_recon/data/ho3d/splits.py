@@ -1,4 +1,4 @@
-"""Which training frames of HO3D validate: whole recordings, so that no image has a twin elsewhere."""
+"""Splits HO3D's training frames by recording, so that no grasp is in two splits."""
 
 import re
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ def split_frames(
     """Rows of each split, in order.
 
     Args:
-        frames: `SEQ/0000`.
-        fraction: Share of the frames that validate, at least: recordings stay whole.
-        seed: Of the choice.
-        with_test: Whether as many again are held out as test frames.
+        frames: Names of the frames, `SEQ/0000`.
+        fraction: Smallest share of the frames for validation; recordings stay whole.
+        seed: Seed of the split.
+        with_test: Hold out as many frames again for testing.
 
     Raises:
         ValueError: There are too few recordings.
@@ -48,7 +48,7 @@ def split_frames(
     rows = {}
     for position, part in enumerate(parts):
         chosen: list[int] = []
-        # At least one, and at least one is left for every part that is still to come.
+        # At least one recording, and at least one is left for every further part.
         left = len(parts) - position
         while not chosen or (counts[chosen].sum() < fraction * len(frames) and len(order) > left):
             chosen.append(order.pop(0))

@@ -1,4 +1,4 @@
-"""Surfaces and parameters of HO3D's training hands: its metas have MANO's numbers, MANO is the user's own."""
+"""Surfaces and parameters of HO3D's training hands, from the metas' MANO parameters and the user's MANO."""
 
 import logging
 from pathlib import Path
@@ -16,14 +16,14 @@ from hand_recon.schema import HandParameters
 logger = logging.getLogger(__name__)
 
 PROBES = 64
-"""Frames whose labels are compared with MANO's."""
+"""Number of frames whose labels are compared with MANO's landmarks."""
 
 FAR = 0.003
-"""Metres by which landmarks may miss MANO's in the median; float32 and the labels' digits need less."""
+"""Largest median distance of labels from MANO's landmarks, metres; rounding explains less."""
 
 
 def load_mano_if_there(path: Path | str | None) -> ManoLayer | None:
-    """MANO's right hand with HO3D's landmarks; none if the user has none."""
+    """MANO's right hand with HO3D's landmarks; None, with a warning, if MANO is missing."""
     if path is None:
         return None
     try:
@@ -34,18 +34,18 @@ def load_mano_if_there(path: Path | str | None) -> ManoLayer | None:
 
 
 class ManoHands:
-    """The hands of some annotations, made by MANO when asked for."""
+    """Hands of some annotations, computed by MANO on request."""
 
     def __init__(self, layer: ManoLayer, annotations: Annotations, path: Path) -> None:
         """Compare MANO's landmarks with the labels.
 
         Args:
             layer: The right hand with HO3D's landmarks.
-            annotations: Of the training part.
-            path: Of the part, for messages.
+            annotations: Annotations of the training part.
+            path: Path of the part, for messages.
 
         Raises:
-            ValueError: They are not each other's.
+            ValueError: MANO's landmarks differ from the labels.
         """
         self.layer = layer
         self.mano = annotations.mano
@@ -63,14 +63,14 @@ class ManoHands:
             )
 
     def vertices(self, row: int) -> Float[np.ndarray, "vertex 3"] | None:
-        """The surface of a frame, camera frame, metres; none without MANO's numbers."""
+        """Surface of a frame, camera frame, metres; None without MANO's parameters."""
         if not np.isfinite(self.mano[row]).all():
             return None
         with torch.no_grad():
             return np.asarray(self.layer(*self._placed(np.array([row]))).vertices[0].numpy())
 
     def parameters(self, rows: np.ndarray) -> HandParameters | None:
-        """Pose and shape of some frames in this project's terms; none without MANO's numbers."""
+        """Pose and shape of some frames as this project's parameters; None without MANO's parameters."""
         known = rows[np.isfinite(self.mano[rows]).all(axis=-1)]
         if not len(known):
             return None
@@ -78,7 +78,7 @@ class ManoHands:
             return self.layer.hand_parameters(*self._placed(known))
 
     def _placed(self, rows: np.ndarray) -> ManoParameters:
-        """MANO's parameters in this project's camera."""
+        """MANO's parameters in this project's camera frame."""
         numbers: Tensor = torch.from_numpy(self.mano[rows]).float()
         pose, shape, translation = numbers.split((48, 10, 3), dim=-1)
         return ho3d_parameters(self.layer, pose, shape, translation)
