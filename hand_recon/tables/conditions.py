@@ -1,13 +1,21 @@
-"""What a run did otherwise than the paper (Sec. 4.1), since a number does not say how it came about."""
+"""Differences of a run's settings from the paper's (Sec. 4.1)."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Final
+from contextlib import nullcontext
+from functools import cache
+from typing import Any, Final
 
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
+
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.tables.paper import has_papers_likelihood
 from hand_recon.tables.published import DATASETS, TEST_HANDS
+from hand_recon.tables.runs import flattened
 
 Settings = Mapping[str, str]
-"""A run's settings by dotted name, as text."""
+"""Settings by dotted name, as text."""
 
 PARTS: Final = {
     "data.setup": "s0",
@@ -16,40 +24,51 @@ PARTS: Final = {
     "data.train_every": "1",
     "data.test_every": "1",
 }
-"""Which part of a dataset the paper trained and tested on, as far as a dataset has such a choice."""
+"""Part of a dataset that the paper trained and tested on, for datasets with such a choice."""
 
-NUMBERS: Final = {
-    "crop_size": (224, "{} px"),
-    "trainer.max_epochs": (200, "{} epochs"),
-    "data.batch_size": (64, "batches of {}"),
-    "optimizer.lr": (1e-5, "learning rate {}"),
-    "optimizer.weight_decay": (1e-4, "weight decay {}"),
+WORDS: Final = {
+    "crop_size": "{} px",
+    "trainer.max_epochs": "{} epochs",
+    "data.batch_size": "batches of {}",
+    "optimizer.lr": "learning rate {}",
+    "optimizer.weight_decay": "weight decay {}",
 }
-"""The paper's values, and how another one is worded."""
+"""Numeric settings that are compared with the paper's, and the wording of another value."""
 
-KNOWLEDGE: Final = {
-    "prior.range_of_motion.weight": "20000.0",
-    "prior.range_of_motion.anatomy": "FunctionalAnatomy",
-    "prior.non_penetration.weight": "20000.0",
-    "prior.shape.weight": "10.0",
-    "prior.pose_components.weight": "0.0",
-    "prior.adversarial.weight": "0.0",
-}
-"""The paper's prior: `prior=full`."""
-
-NO_KNOWLEDGE: Final = KNOWLEDGE | {
-    "prior.range_of_motion.weight": "0.0",
-    "prior.range_of_motion.anatomy": "None",
-    "prior.non_penetration.weight": "0.0",
-}
-"""The shape regularisation alone: `prior=none`."""
+PRIOR: Final = (
+    "prior.range_of_motion.weight",
+    "prior.range_of_motion.anatomy",
+    "prior.non_penetration.weight",
+    "prior.shape.weight",
+    "prior.pose_components.weight",
+    "prior.adversarial.weight",
+)
+"""Settings of the prior that are compared with the paper's."""
 
 _FROM_3D: Final = ("prior.pose_components.weight", "prior.adversarial.weight")
 """Weights of terms that only the priors for comparison have."""
 
 
+@cache
+def paper_settings(prior: str = "full") -> Settings:
+    """Settings of the paper (Sec. 4.1), composed from `conf` with `recipe=paper`.
+
+    >>> paper_settings()["prior.shape.weight"]
+    '10.0'
+
+    Args:
+        prior: Member of the group `prior`: `full` for the paper's, `none` for the shape term alone.
+    """
+    # A command has initialised Hydra with this folder, and Hydra refuses a second time.
+    is_command = GlobalHydra.instance().is_initialized()
+    with nullcontext() if is_command else initialize_config_dir(CONF, version_base="1.3"):
+        config = compose("train", ["recipe=paper", f"prior={prior}"])
+    settings: Any = OmegaConf.to_container(config, resolve=False)
+    return flattened(settings)
+
+
 def share_of_3d(settings: Settings) -> float:
-    """Share of the training hands whose 3D labels were used.
+    """Share of the training hands whose 3D labels were used, 0 to 1.
 
     >>> share_of_3d({}), share_of_3d({"supervision.fraction": "0.1"})
     (0.0, 0.1)
@@ -58,22 +77,22 @@ def share_of_3d(settings: Settings) -> float:
 
 
 def is_adversarial(settings: Settings) -> bool:
-    """Whether the prior was a discriminator."""
+    """Whether the prior has a discriminator."""
     return bool(_number(settings.get("prior.adversarial.weight")))
 
 
 def is_full_knowledge(settings: Settings) -> bool:
-    """Whether the prior was the paper's."""
-    return not list(_priors(settings, KNOWLEDGE))
+    """Whether the prior is the paper's."""
+    return not list(_prior(settings, "full"))
 
 
 def differences(settings: Settings, dataset: str, experiment: str) -> tuple[str, ...]:
-    """What is not as in the paper's row, in words; what was not recorded is said to be unknown.
+    """Differences from a row of the paper, in words; settings that were not recorded are called unknown.
 
     Args:
-        settings: Of a study and of the method.
-        dataset: On which the paper measured that row.
-        experiment: Name of ours that repeats it, which says what its method is.
+        settings: Settings of the study and of the method.
+        dataset: Dataset on which the paper measured the row.
+        experiment: Name of our experiment that reproduces the row.
     """
     if not any(name.startswith(("model.", "trainer.")) for name in settings):
         return ("all settings but its name are unknown",)
@@ -108,20 +127,21 @@ def _model(settings: Settings) -> Iterator[str]:
     encoder = settings.get("model.encoder._target_", "")
     backbone = settings.get("model.encoder.backbone")
     if encoder.endswith("LandmarkEncoder"):
-        yield "2D landmarks in place of pictures"
-    elif backbone != "resnet50":
+        yield "2D landmarks in place of images"
+    elif backbone != paper_settings()["model.encoder.backbone"]:
         yield backbone or "unknown backbone"
 
 
 def _budget(settings: Settings) -> Iterator[str]:
-    optimizer = settings.get("optimizer._target_", "unknown.optimizer").rpartition(".")[-1]
-    if optimizer != "Adam":
-        yield optimizer.replace("_", " ")
-    for name, (expected, words) in NUMBERS.items():
+    paper = paper_settings()
+    optimizer = settings.get("optimizer._target_", "unknown.optimizer")
+    if optimizer != paper["optimizer._target_"]:
+        yield optimizer.rpartition(".")[-1].replace("_", " ")
+    for name, words in WORDS.items():
         value = _number(settings.get(name))
         if value is None:
             yield words.format("unknown")
-        elif value != expected:
+        elif value != _number(paper[name]):
             yield words.format(settings[name])
     for name in ("trainer.limit_train_batches", "trainer.max_steps"):
         if settings.get(name) not in (None, "None", "1.0", "-1"):
@@ -132,7 +152,7 @@ def _method(settings: Settings, experiment: str) -> Iterator[str]:
     if experiment == "table3a_adversarial":
         yield from _discriminator(settings)
     else:
-        yield from _priors(settings, NO_KNOWLEDGE if experiment == "table3b_100" else KNOWLEDGE)
+        yield from _prior(settings, "none" if experiment == "table3b_100" else "full")
     if not has_papers_likelihood(settings):
         yield "another data term than MSE, then NLL"
     share = share_of_3d(settings)
@@ -141,8 +161,7 @@ def _method(settings: Settings, experiment: str) -> Iterator[str]:
 
 
 def _discriminator(settings: Settings) -> Iterator[str]:
-    weight = settings.get("prior.adversarial.weight", "0.0")
-    yield from _priors(settings, NO_KNOWLEDGE | {"prior.adversarial.weight": weight})
+    yield from _prior(settings, "none", ignored="prior.adversarial.weight")
     real = settings.get("prior.adversarial.real._target_", "")
     if not is_adversarial(settings):
         yield "no discriminator"
@@ -150,15 +169,19 @@ def _discriminator(settings: Settings) -> Iterator[str]:
         yield "real hands of other data than FreiHAND"
 
 
-def _priors(settings: Settings, expected: Mapping[str, str]) -> Iterator[str]:
-    for name, value in expected.items():
-        found = _of_prior(settings, name)
+def _prior(settings: Settings, member: str, ignored: str | None = None) -> Iterator[str]:
+    """Differences from a member of the group `prior`."""
+    paper = paper_settings(member)
+    for name in PRIOR:
+        if name == ignored:
+            continue
+        found, value = _of_prior(settings, name), _of_prior(paper, name)
         if found != value and (_number(found) is None or _number(found) != _number(value)):
             yield f"{name}={found}"
 
 
 def _of_prior(settings: Settings, name: str) -> str:
-    """A weight or the anatomy of the prior; `unknown` where it was not recorded.
+    """Weight of a term or name of the anatomy; `unknown` where it was not recorded.
 
     >>> _of_prior({"prior.shape.weight": "10.0"}, "prior.shape.weight")
     '10.0'

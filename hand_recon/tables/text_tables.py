@@ -127,7 +127,7 @@ def csv_rows(summaries: Iterable[Summary]) -> list[dict[str, str | float | int |
 def _table_1(summary: Summary) -> TextTable:
     columns = ["row", *KNOWLEDGE]
     for name in COMPARED:
-        columns += [f"{heading(name, UNITS[name])}, paper", f"{name} ours, {UNITS[name]}", "change"]
+        columns += [f"{heading(name, UNITS[name])}: paper", f"{name} ours, {UNITS[name]}", "change"]
     # Where no row was run, the paper's five rows would be shown beside unrelated runs.
     table = summary.table if _has_table_1(summary) else ()
     rows = [

@@ -1,15 +1,18 @@
 """Tables 2 and 3: the paper's numbers as printed, ours below the row they repeat, with what differs."""
 
+import contextlib
 import csv
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra import initialize_config_dir
 from omegaconf import OmegaConf
 
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.runs.tables_run import report
-from hand_recon.tables.conditions import differences
+from hand_recon.tables.conditions import differences, paper_settings
 from hand_recon.tables.published import TABLE_3A, TABLE_3B, TABLES_2
 from hand_recon.tables.runs import flattened
 from tests.support.runs_on_disk import report_config, write_run
@@ -88,7 +91,9 @@ def test_the_published_numbers_are_the_papers() -> None:
         expected = {
             who: known
             for who, scores in printed.items()
-            if (known := {n: v for n, v in zip(names, scores[column], strict=True) if v is not None})
+            if (
+                known := {n: v for n, v in zip(names, scores[column], strict=True) if v is not None}
+            )
         }
         found = {row.label.split(" et al.")[0]: row.scores for row in table.rows}
         assert found == expected
@@ -153,6 +158,15 @@ def test_each_other_condition_is_named_alone(
     assert (ours["method"], ours["differs"]) == ("ours, anything", words)
 
 
+def test_the_weights_of_section_4_1_are_read_inside_and_outside_a_command() -> None:
+    weights = {"range_of_motion": 20_000.0, "non_penetration": 20_000.0, "shape": 10.0}
+    expected = {f"prior.{name}.weight": str(weight) for name, weight in weights.items()}
+    for context in (initialize_config_dir(CONF, version_base="1.3"), contextlib.nullcontext()):
+        paper_settings.cache_clear()
+        with context:
+            assert expected.items() <= paper_settings().items()
+
+
 def test_what_was_not_recorded_is_unknown_rather_than_equal() -> None:
     config = flattened(settings("x")) | {"data": "freihand", "test_hands": "3960"}
     assert differences(config, "freihand", "table2_freihand") == ()
@@ -201,7 +215,7 @@ def test_priors_on_synthetic_views_stand_beside_the_papers_and_say_where_they_ar
         ("FreiHAND-3D", "8.3"), ("ours, adversarial", "11.0"), ("the paper", "6.7"),
         ("ours, full", "9.0"),
     ]  # fmt: skip
-    views = "on views hard; 2D landmarks in place of pictures; 10 epochs"
+    views = "on views hard; 2D landmarks in place of images; 10 epochs"
     assert table[1]["differs"] == f"{views}; real hands of other data than FreiHAND"
     assert table[3]["differs"] == views
     page = (tmp_path / "out" / "table1.html").read_text()
