@@ -1,4 +1,4 @@
-"""[s, R, t] → full-perspective projection (Sec. 3.1, camera projection model).
+"""Full-perspective camera model with scale, rotation and translation [s, R, t] (Sec. 3.1).
 
 Without calibration, the crop is treated as the whole image of a camera with its principal point at the
 centre and a focal length of 500 px on a crop of 224 px, as the authors do. With a known camera matrix, the

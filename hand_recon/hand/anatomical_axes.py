@@ -37,10 +37,10 @@ def axes_at_rest(
         twist of the rest pose from the anatomical neutral, radians.
     """
     frames, angles = np.zeros((15, 3, 3)), np.zeros((15, 3))
-    third = unit(joints[0] - joints[4])
+    third_metacarpal = unit(joints[0] - joints[4])
     for position, finger in enumerate(ORDER):
         chain = np.vstack([joints[1 + 3 * position : 4 + 3 * position], tips[position]])
-        neutral = _root_neutral(finger, third)
+        neutral = _root_neutral(finger, third_metacarpal)
         for part in range(3):
             joint = 3 * position + part
             bone = unit(chain[part] - chain[part + 1])
@@ -56,16 +56,16 @@ def axes_at_rest(
 def trapezium_frame(proximal: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Twist, splay and bend axes of the thumb's CMC at neutral, one per column.
 
-    The thumb's metacarpal in line with the trapezium, whose own axes stand 48° flexed, 38° abducted
-    and 80° pronated from the third metacarpal's (Cooney et al. 1981).
+    At neutral, the thumb's metacarpal is in line with the trapezium, whose axes are rotated from the third
+    metacarpal's by 48° of flexion, 38° of abduction and 80° of pronation (Cooney et al. 1981).
 
     Args:
         proximal: Along the third metacarpal, towards the wrist.
     """
-    third = frame_along(proximal, np.array([0.0, 1.0, 0.0]))
+    third_metacarpal = frame_along(proximal, np.array([0.0, 1.0, 0.0]))
     flexion, abduction, pronation = np.radians(TRAPEZIUM)
     local = rotation(1, abduction) @ rotation(2, flexion) @ rotation(0, pronation)
-    return np.asarray(third @ local)
+    return np.asarray(third_metacarpal @ local)
 
 
 def frame_along(
@@ -91,9 +91,11 @@ def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
-def _root_neutral(finger: str, third: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def _root_neutral(
+    finger: str, third_metacarpal: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "3 3"]:
     """Axes of the first segment at neutral: fingers parallel to the third metacarpal (AAOS)."""
     if finger == "thumb":
-        return trapezium_frame(third)
+        return trapezium_frame(third_metacarpal)
     tilt = np.radians(ARCH[finger])
-    return frame_along(third, np.array([0.0, np.cos(tilt), np.sin(tilt)]))
+    return frame_along(third_metacarpal, np.array([0.0, np.cos(tilt), np.sin(tilt)]))

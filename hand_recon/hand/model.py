@@ -1,4 +1,4 @@
-"""The hand model: shape and joint angles → vertices, rotation centres and landmarks (Sec. 3.1)."""
+"""Hand model from shape and joint angles to vertices, rotation centres and landmarks (Sec. 3.1)."""
 
 import copy
 from dataclasses import dataclass

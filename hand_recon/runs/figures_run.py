@@ -60,16 +60,12 @@ class Rows:
     def of(self, hands: Sequence[int], first: int = 0) -> "Rows":
         """Some of the hands, and the rows from one on."""
         chosen = torch.tensor(list(hands))
-        batch = replace(
-            self.batch._map(lambda tensor: tensor[chosen]),
-            source=tuple(self.batch.source[hand] for hand in hands),
-        )
-        predictions = tuple(one._map(lambda tensor: tensor[chosen]) for one in self.predictions)
+        predictions = tuple(prediction.select(chosen) for prediction in self.predictions)
         return replace(
             self,
             titles=self.titles[first:],
             predictions=predictions[first:],
-            batch=batch,
+            batch=self.batch.select(chosen),
             errors=self.errors[first:, list(hands)],
         )
 

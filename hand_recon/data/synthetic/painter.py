@@ -143,19 +143,19 @@ def _cast_rays(
     steps = (quarter / [intrinsics[0, 0], intrinsics[1, 1], 1]).astype(np.float32)
     finer = (rays[outline][:, None] + steps).reshape(-1, 3)
     fine = scene.nearest(np.zeros_like(finer), finer)
-    plain = ~outline[centre.ray]
+    inside = ~outline[centre.ray]
     hits = Hits(
-        np.concatenate([centre.ray[plain], fine.ray]),
-        np.concatenate([centre.face[plain], fine.face]),
-        np.concatenate([centre.weights[plain], fine.weights]),
-        np.concatenate([centre.distance[plain], fine.distance]),
+        np.concatenate([centre.ray[inside], fine.ray]),
+        np.concatenate([centre.face[inside], fine.face]),
+        np.concatenate([centre.weights[inside], fine.weights]),
+        np.concatenate([centre.distance[inside], fine.distance]),
     )
-    directions = np.concatenate([rays[centre.ray[plain]], finer[fine.ray]])
+    directions = np.concatenate([rays[centre.ray[inside]], finer[fine.ray]])
     return _Samples(
         hits,
         directions * hits.distance[:, None],
-        np.concatenate([pixels[centre.ray[plain]], pixels[outline][fine.ray // len(steps)]]),
-        np.concatenate([np.ones(plain.sum()), np.full(len(fine.ray), 1 / len(steps))]),
+        np.concatenate([pixels[centre.ray[inside]], pixels[outline][fine.ray // len(steps)]]),
+        np.concatenate([np.ones(inside.sum()), np.full(len(fine.ray), 1 / len(steps))]),
     )
 
 

@@ -1,1 +1,1 @@
-"""The MANO hand: its files, read without running anything in them, and its layer (Sec. 3.1)."""
+"""MANO: conversion of its files, reading without running their code, and its layer (Sec. 3.1)."""
