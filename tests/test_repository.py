@@ -71,7 +71,7 @@ def test_every_locked_version_has_hashes() -> None:
 def test_every_declared_dependency_is_locked_at_a_version_that_is_allowed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    declared = [*project["dependencies"], *extras.get("train", []), *extras["dev"]]
+    declared = [*project["dependencies"], *extras["train"], *extras["dev"]]
     entries = lock_entries()
     for requirement in map(Requirement, declared):
         lines = entries.get(canonicalize_name(requirement.name), [])
@@ -94,7 +94,7 @@ def imported_packages(file: Path) -> set[str]:
 def test_every_imported_package_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     # What training needs besides is an extra of its own.
-    lines = [*project["dependencies"], *project["optional-dependencies"].get("train", [])]
+    lines = [*project["dependencies"], *project["optional-dependencies"]["train"]]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
     providers = importlib.metadata.packages_distributions()
     for file in (ROOT / "hand_recon").rglob("*.py"):
@@ -130,7 +130,7 @@ def test_a_large_file_is_refused_unless_it_is_named(tmp_path: Path) -> None:
     (tmp_path / "weights.bin").write_bytes(b"x" * 100_001)
     (tmp_path / "requirements.lock").write_bytes(b"x" * 100_001)
     complaints = too_large(tmp_path, ["small.py", "weights.bin", "requirements.lock", "deleted.py"])
-    assert complaints == ["weights.bin has 100001 bytes, more than its 100000."]
+    assert complaints == ["weights.bin has 100001 bytes, more than its limit of 100000."]
 
 
 def test_the_installed_package_is_this_checkout() -> None:
