@@ -8,10 +8,10 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.inspection.caches import crop_maps, look_at_caches, stale_maps
 from hand_recon.inspection.finding import Finding
 from hand_recon.inspection.machine import look_at_disk, look_at_versions
-from hand_recon.runs.configuration import CONF
 from hand_recon.runs.diagnosis import doctor, examine, next_command
 from tests.support.freihand_folder import write_folder
 

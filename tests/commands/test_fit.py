@@ -145,7 +145,11 @@ def test_how_sure_the_detector_was_matters(hand: HandModel, tmp_path: Path) -> N
         output = tmp_path / f"out_{confidence}"
         fit(
             asked(
-                output, f"landmarks={path}", "third_value=confidence", "data_term=nll", "descent.steps=80"
+                output,
+                f"landmarks={path}",
+                "third_value=confidence",
+                "data_term=nll",
+                "descent.steps=80",
             )
         )
         tip = entries_of(output)[0]["landmarks_2d"][8]
@@ -163,15 +167,15 @@ def test_a_folder_with_a_fit_in_it_is_not_written_to(landmarks: Path, tmp_path: 
 
 
 def test_what_is_to_be_fitted_must_be_said_once(landmarks: Path, tmp_path: Path) -> None:
-    for given in ([], [f"landmarks={landmarks}", "data=views"]):
-        with pytest.raises(ValueError, match=r"What is to be fitted.*not both"):
+    for given, found in (([], "neither"), ([f"landmarks={landmarks}", "data=views"], "both")):
+        with pytest.raises(ValueError, match=rf"either landmarks=.* or data=views.*found {found}"):
             fit(asked(tmp_path / "out", *given))
     assert not (tmp_path / "out").exists()
 
 
 def test_correlations_are_not_to_be_had(landmarks: Path, tmp_path: Path) -> None:
     config = asked(tmp_path / "out", f"landmarks={landmarks}", "data_term=full_covariance")
-    with pytest.raises(ValueError, match=r"nobody tells correlations.*mse_then_nll"):
+    with pytest.raises(ValueError, match=r"cannot estimate correlations.*mse_then_nll"):
         fit(config)
 
 

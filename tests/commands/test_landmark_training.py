@@ -69,4 +69,4 @@ def test_a_mixture_trains_on_both_and_is_scored_on_one(
     assert {"E_J", "E_2D"} <= set(metrics["test"])
     assert "E_J" in metrics["mean_pose"]
     assert "landmarks: 6 of 12 hands of an epoch" in caplog.text
-    assert "The labels of landmarks are where landmarks=knuckle has them" in caplog.text
+    assert "The labels of landmarks follow the landmark set knuckle" in caplog.text

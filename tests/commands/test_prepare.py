@@ -1,5 +1,4 @@
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +7,16 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from torch import Tensor
 
-from hand_recon import prepare
+from hand_recon.__main__ import main
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.images import read_image
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.inspection.contact_sheet import contact_sheet
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
-from hand_recon.runs.configuration import CONF, build_data
+from hand_recon.runs import preparation as prepare
+from hand_recon.runs.building import build_data
 from hand_recon.schema import HandBatch
 from tests.support.freihand_folder import edit_json
 from tests.support.mano_file import write_mano_pickle
@@ -86,17 +87,22 @@ def test_mano_is_converted_into_the_folder_that_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_mano_pickle(tmp_path / "MANO_RIGHT.pkl")
-    written = prepare.mano([str(tmp_path / "MANO_RIGHT.pkl"), f"folder={tmp_path / 'mano'}"])
-    assert written == [tmp_path / "mano" / "MANO_RIGHT.safetensors"]
-    assert f"Ready: {written[0]}" in capsys.readouterr().out
+    main(["prepare", "mano", str(tmp_path / "MANO_RIGHT.pkl"), f"folder={tmp_path / 'mano'}"])
+    written = tmp_path / "mano" / "MANO_RIGHT.safetensors"
+    assert written.is_file()
+    assert f"Ready: {written}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "words", [[], ["a.pkl", "b.pkl"], ["--help"], ["a", "folder=b", "folder=c"]]
-)
-def test_mano_without_one_source_says_how_it_is_used(words: list[str]) -> None:
-    with pytest.raises(SystemExit, match=r"usage: .*prepare mano"):
-        prepare.mano(words)
+def test_mano_without_a_source_says_how_it_is_used() -> None:
+    with pytest.raises(SystemExit, match=r"No MANO download was given: .*prepare mano"):
+        main(["prepare", "mano"])
+
+
+def test_mano_takes_one_source(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(["prepare", "mano", "a.pkl", "b.pkl"])
+    assert refused.value.code == 2
+    assert "Unexpected word 'b.pkl'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -108,15 +114,14 @@ def test_mano_without_one_source_says_how_it_is_used(words: list[str]) -> None:
     ],
 )
 def test_mano_is_refused_with_the_message_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes | None, message: str
+    tmp_path: Path, content: bytes | None, message: str
 ) -> None:
     source = tmp_path / "MANO_RIGHT.pkl"
     if content is not None:
         source.write_bytes(content)
-    monkeypatch.setattr(sys, "argv", ["prepare", "mano", str(source), f"folder={tmp_path / 'm'}"])
     # Python prints a text that a program ends with, without a traceback, and exits with status 1.
     with pytest.raises(SystemExit, match=rf"{source}") as stopped:
-        prepare.main()
+        main(["prepare", "mano", str(source), f"folder={tmp_path / 'm'}"])
     assert isinstance(stopped.value.code, str)
     assert message in stopped.value.code
     assert not (tmp_path / "m").exists()
@@ -175,12 +180,17 @@ def test_check_goes_on_where_poses_cannot_be_had(
     assert "were not compared with joint ranges: No MANO_RIGHT.safetensors." in caplog.text
 
 
-def test_a_verb_is_needed_and_must_be_known(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["prepare"])
-    prepare.main()
-    assert "prepare check data=freihand" in capsys.readouterr().out
-    monkeypatch.setattr(sys, "argv", ["prepare", "meals"])
-    with pytest.raises(SystemExit, match="Unknown task 'meals'; choose mano, cache or check"):
-        prepare.main()
+def test_a_task_is_needed_and_must_be_known(tmp_path: Path) -> None:
+    config = configuration(tmp_path, tmp_path)
+    with pytest.raises(
+        ValueError, match="No task was given: type hand-recon prepare with mano, cache"
+    ):
+        prepare.prepare(config)
+    config.task = "meals"
+    with pytest.raises(ValueError, match="Unknown task 'meals'"):
+        prepare.prepare(config)
+
+
+def test_a_task_gets_the_configuration(freihand: Path, tmp_path: Path) -> None:
+    config = configuration(freihand, tmp_path, "task=cache", "splits=[test]")
+    assert prepare.prepare(config)["samples"] == {"test": 3}

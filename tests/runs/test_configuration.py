@@ -20,7 +20,7 @@ from hand_recon.knowledge.terms import RangeOfMotionTerm
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.runs.building import build_data, build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, fingerprint, read_checkpoint
-from hand_recon.runs.configuration import TRUSTED, claim_folder, instantiate
+from hand_recon.runs.configuration import TRUSTED, claim_folder, instantiate, refuse_untrusted
 from hand_recon.training.module import HandReconstruction
 from hand_recon.uncertainty import (
     DataTerm,
@@ -256,9 +256,48 @@ def test_long_overrides_make_short_names_that_differ() -> None:
         {"part": "${elsewhere}", "elsewhere": {"_target_": "os.system", "command": "true"}},
     ],
 )
-def test_a_target_from_elsewhere_is_not_called(config: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="not among the targets"):
-        instantiate(OmegaConf.create(config))
+def test_a_checkpoint_may_not_call_what_is_not_trusted(
+    config: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ValueError, match=r"x.ckpt asks to call .* not among the targets"):
+        refuse_untrusted(OmegaConf.create(config), "x.ckpt")
+    trusted = "os.system,torch.utils.collect_env.run"
+    monkeypatch.setenv("HAND_RECON_TRUSTED", trusted)
+    refuse_untrusted(OmegaConf.create(config), "x.ckpt")
+
+
+@pytest.mark.parametrize(("version", "told"), [(None, "0.1"), ("0.7.1", "0.7.1")])
+def test_a_checkpoint_of_another_version_says_which(version: str | None, told: str) -> None:
+    config = OmegaConf.create({"model": {"_target_": "hand_recon.reconstructor.Reconstructor"}})
+    with pytest.raises(ValueError, match=rf"does not have: it was written by hand_recon {told}\."):
+        refuse_untrusted(config, "x.ckpt", version)
+
+
+def test_what_a_user_composes_may_call_anything_that_hydra_allows() -> None:
+    """Lightning's own callbacks and those of other packages."""
+    config = composed(
+        "+callbacks.stopping._target_=lightning.pytorch.callbacks.EarlyStopping",
+        "+callbacks.stopping.monitor=val/loss",
+        "+callbacks.mine._target_=collections.OrderedDict",
+    )
+    assert instantiate(config.callbacks.stopping).monitor == "val/loss"
+    assert instantiate(config.callbacks.mine) == {}
+
+
+def test_the_balance_is_kept_in_training_and_not_in_a_fit_unless_it_is_said() -> None:
+    assert composed().data_term.keep_balance is True
+    assert composed("data_term.keep_balance=false").data_term.keep_balance is False
+    assert composed(name="fit").data_term.keep_balance is False
+    assert composed("data_term.keep_balance=true", name="fit").data_term.keep_balance is True
+
+
+@pytest.mark.parametrize(
+    "name", sorted(path.stem for path in (Path(CONF) / "debug").glob("*.yaml"))
+)
+def test_every_debug_setting_is_one_that_the_trainer_has(name: str) -> None:
+    trainer = instantiate(composed(f"debug={name}").trainer, logger=False)
+    assert trainer.overfit_batches == (2 if name == "overfit" else 0.0)
+    assert trainer.max_epochs == (1 if name != "overfit" else composed().trainer.max_epochs)
 
 
 def test_every_target_of_the_configuration_may_be_called() -> None:
