@@ -1,9 +1,9 @@
-"""How long all metrics of FreiHAND's 3,960 test frames take on one core, against frame by frame.
+"""Benchmark of the metrics on FreiHAND's 3,960 test frames on one core, against a frame-by-frame version.
 
-The comparison follows the official script's structure: every frame by itself, aligned by SciPy,
-errors filed point by point, and a KD-tree per surface for each of the four F-scores. Run it with
-`python -m tools.benchmark_evaluation`; it prints seconds of processor time, which other programs on
-the machine disturb less than those of the clock.
+The frame-by-frame version has the structure of the official script: SciPy aligns one frame at a time, errors
+are collected point by point, and each of the four F-scores builds a KD-tree per surface. Run it with
+`python -m tools.benchmark_evaluation`; it prints seconds of processor time, which other programs on the
+machine disturb less than wall-clock time.
 """
 
 import argparse
@@ -25,28 +25,28 @@ BATCH = 64
 
 
 def posed_hands(count: int, *, angle_error: float, seed: int = 0) -> tuple[HandPoints, HandPoints]:
-    """Open hands in random poses, and predictions whose angles, place and turn are a bit wrong."""
+    """Open hands in random poses, and predictions with errors of joint angles and translation."""
     generator = torch.Generator().manual_seed(seed)
     hand = open_hand()
 
-    def posed(angles: torch.Tensor, shift: torch.Tensor) -> HandPoints:
+    def posed(angles: torch.Tensor, translation: torch.Tensor) -> HandPoints:
         geometry = hand(angles, torch.zeros(count, 10))
-        return HandPoints(geometry.landmarks + shift, geometry.vertices + shift)
+        return HandPoints(geometry.landmarks + translation, geometry.vertices + translation)
 
     def random(*shape: int) -> torch.Tensor:
         return torch.randn(count, *shape, generator=generator)
 
     axes = torch.tensor([1.0, 0.3, 0.1])
     angles = 0.3 * random(15, 3) * axes
-    place = torch.tensor([0.0, 0.0, 0.6])
-    ground_truth = posed(angles, place)
+    translation = torch.tensor([0.0, 0.0, 0.6])
+    ground_truth = posed(angles, translation)
     return ground_truth, posed(
-        angles + angle_error * random(15, 3) * axes, place + 0.02 * random(1, 3)
+        angles + angle_error * random(15, 3) * axes, translation + 0.02 * random(1, 3)
     )
 
 
 def frame_by_frame(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    """FreiHAND's scores the way its script goes about them."""
+    """FreiHAND's scores, computed as in its script."""
     pairs = {
         name: (
             getattr(ground_truth, points).double().numpy(),
@@ -84,14 +84,14 @@ def _f_score(
 
 
 def seconds(run: Callable[[], dict[str, float]]) -> tuple[float, dict[str, float]]:
-    """Processor time of a call, and its result."""
+    """Run a function: its processor time in seconds, and its result."""
     start = time.process_time()
     result = run()
     return time.process_time() - start, result
 
 
 def all_metrics(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, float]:
-    """Everything `HandMetrics` computes, batch by batch as in an evaluation."""
+    """All scores of `HandMetrics`, computed batch by batch as in an evaluation."""
     metrics = HandMetrics()
     for index in torch.arange(len(ground_truth)).split(BATCH):
         metrics.update(prediction[index], ground_truth[index], index)
@@ -99,7 +99,7 @@ def all_metrics(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, f
 
 
 def main() -> None:
-    """Measure, compare and print."""
+    """Measure both versions, compare their scores, and print the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hands", type=int, default=3960)
     parser.add_argument("--compared-hands", type=int, default=100)
@@ -115,7 +115,7 @@ def main() -> None:
     some = slice(0, arguments.compared_hands)
     slow, expected = seconds(lambda: frame_by_frame(ground_truth[some], prediction[some]))
     slow *= arguments.hands / arguments.compared_hands
-    print(f"frame by frame: {slow:.1f} s; {slow / took:.0f} times as long")
+    print(f"frame by frame: {slow:.1f} s, {slow / took:.0f} times as long")
     actual = freihand_scores(ground_truth[some], prediction[some])
     worst = max(abs(actual[name] - expected[name]) for name in expected)
     print(f"largest difference of FreiHAND's scores: {worst:.1e}")

@@ -1,6 +1,6 @@
 """Build the open hand's asset from the body model's CC0 data: `python tools/build_open_hand.py`.
 
-Needs the `assets` extra. The result is the same, bit for bit, on every run with the same packages.
+Needs the `assets` extra. Runs with the same package versions give the same file, bit for bit.
 """
 
 import argparse
@@ -22,15 +22,14 @@ from open_hand.source import SourceHand, boundary_ring, load_source
 ASSET = Path(__file__).resolve().parents[1] / "hand_recon" / "hand" / "assets" / "open_hand.npz"
 
 COUNTS = (778, 16)
-"""Vertices of the mesh and of its boundary at the wrist: MANO's, and so are the 1,538 faces."""
-
+"""Vertices of the mesh and of its boundary at the wrist, as in MANO, which has the same 1,538 faces."""
 
 GRID = 2**20
 """Grid points per metre for the surface and its shape directions."""
 
 
 def build(source: SourceHand) -> dict[str, np.ndarray]:
-    """Everything that the hand's file holds, by the names of `HandAsset`'s fields."""
+    """Build the arrays of the hand's file, by the names of `HandAsset`'s fields."""
     skeleton = build_skeleton(source)
     weights = skinning_weights(source, skeleton)
     shape = shape_directions(source, skeleton, weights)
@@ -56,19 +55,19 @@ def build(source: SourceHand) -> dict[str, np.ndarray]:
 def strongest_four(
     weights: Float[np.ndarray, "vertex joint=16"],
 ) -> Float[np.ndarray, "vertex joint=16"]:
-    """Rows with four influences at most, summing to one."""
+    """Keep the four largest weights of each vertex, normalized to a sum of one."""
     weakest = np.sort(weights, axis=1)[:, -4, None]
     kept = np.where((weights < weakest) | (weights < 5e-3), 0.0, weights)
     return np.asarray(kept / kept.sum(axis=1, keepdims=True))
 
 
 def report(source: SourceHand, coarse: Decimation, shape: ShapeDirections) -> None:
-    """Print what the decimation cost and how the shape directions relate."""
+    """Print the error of the decimation, and lengths and correlations of the shape directions."""
     samples = source.vertices[source.faces].mean(axis=1)
     away = 1e3 * distances(samples, coarse.vertices, coarse.faces)
     sys.stdout.write(
         f"{len(source.vertices)} → {len(coarse.vertices)} vertices, {len(coarse.faces)} faces; the "
-        f"source's faces are {away.mean():.3f} mm away on average, {away.max():.2f} mm at most.\n"
+        f"source's faces are {away.mean():.3f} mm away on average, at most {away.max():.2f} mm.\n"
     )
     flat = shape.vertices.reshape(-1, 10)
     gram = flat.T @ flat
@@ -80,12 +79,12 @@ def report(source: SourceHand, coarse: Decimation, shape: ShapeDirections) -> No
 
 
 def save(arrays: dict[str, np.ndarray], path: Path) -> None:
-    """Write single precision and 16-bit indices, replacing the file in one step."""
+    """Write the file in single precision with 16-bit indices, replacing an old one atomically."""
     small = {name: array.astype(np.float32) for name, array in arrays.items()}
     for name in ("faces", "wrist_ring"):
         small[name] = arrays[name].astype(np.int16)
     for name in ("template", "shape_directions"):
-        # A grid of about a micrometre: the file is half as large for it.
+        # Rounding to about a micrometre halves the compressed size.
         small[name] = (np.round(arrays[name] * GRID) / GRID).astype(np.float32)
     temporary = path.with_suffix(".tmp.npz")
     np.savez_compressed(temporary, allow_pickle=False, **small)
@@ -94,7 +93,7 @@ def save(arrays: dict[str, np.ndarray], path: Path) -> None:
 
 
 def main() -> None:
-    """Build and write."""
+    """Build the hand and write its file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ASSET, help="where to write the asset")
     save(build(load_source()), parser.parse_args().out)

@@ -1,4 +1,4 @@
-"""Refuse files that have grown too large to belong in git, except those that are named here."""
+"""Refuse files that are too large for git, except those in `ALLOWED`."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 LIMIT: Final = 100_000
-"""Bytes that any file may have."""
+"""Largest size of a file, bytes."""
 
 ALLOWED: Final[dict[str, int]] = {
     "requirements.lock": 400_000,
@@ -15,26 +15,26 @@ ALLOWED: Final[dict[str, int]] = {
     "docs/images/*": 400_000,
     "tests/golden/*": 300_000,
 }
-"""Bytes that these may have, and nothing else: patterns of paths in the repository."""
+"""Larger limits, bytes, by pattern of the path in the repository."""
 
 
 def limit_of(path: str) -> int:
-    """Bytes that the file at a path may have."""
+    """Largest size of the file at a path, bytes."""
     return max((size for pattern, size in ALLOWED.items() if fnmatch(path, pattern)), default=LIMIT)
 
 
 def too_large(root: Path, paths: list[str]) -> list[str]:
-    """One line for each existing file beyond its limit."""
+    """Messages about the existing files above their limits, one per file."""
     sizes = {path: (root / path).stat().st_size for path in paths if (root / path).is_file()}
     return [
-        f"{path} has {size} bytes, more than its {limit_of(path)}."
+        f"{path} has {size} bytes, more than its limit of {limit_of(path)}."
         for path, size in sizes.items()
         if size > limit_of(path)
     ]
 
 
 def files_of(root: Path) -> list[str]:
-    """Paths that git has, or would add, in the order of the index.
+    """Paths of the files that git tracks or would add, in the order of the index.
 
     Raises:
         subprocess.CalledProcessError: The folder is not a git checkout.
@@ -45,16 +45,18 @@ def files_of(root: Path) -> list[str]:
 
 
 def main() -> int:
-    """Check the checkout this file is in; the exit status is 1 if a file is too large."""
+    """Check the repository of this file; the exit status is 1 if a file is too large."""
     root = Path(__file__).resolve().parents[1]
     if not (root / ".git").exists():
-        print("Not a git checkout, so nothing can be committed: sizes are not checked.")
+        print("Not a git checkout: sizes are not checked.")
         return 0
     complaints = too_large(root, files_of(root))
     for complaint in complaints:
         print(complaint)
     if complaints:
-        print("Keep data outside git, make it smaller, or name it in tools/check_large_files.py.")
+        print(
+            "Keep data outside git, make it smaller, or add it to ALLOWED in tools/check_large_files.py."
+        )
     return int(bool(complaints))
 
 

@@ -1,4 +1,4 @@
-"""Put a run's overlays side by side for the README: `python tools/draw_first_run.py RUN_FOLDER`."""
+"""Draw a run's overlays side by side for the README: `python tools/draw_first_run.py RUN_FOLDER`."""
 
 import argparse
 from pathlib import Path
@@ -7,16 +7,21 @@ import cv2
 import numpy as np
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "images" / "first_run.png"
+"""The image to write."""
+
 ROWS = 4
+"""Overlays in each of the two columns."""
 
 
 def main() -> None:
-    """Every third overlay of the run, from its best hand to its worst, in two columns."""
+    """Write overlays at equal steps from the run's best hand to its worst, in two columns."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path, help="folder of a run with at least eight overlays")
     paths = sorted((parser.parse_args().run / "overlays").glob("*.png"))
     if len(paths) < 2 * ROWS:
-        raise SystemExit(f"{len(paths)} overlays found, {2 * ROWS} wanted: report.images=12.")
+        raise SystemExit(
+            f"Found {len(paths)} overlays, expected {2 * ROWS} or more. Train with report.images=12."
+        )
     chosen = [paths[position * len(paths) // (2 * ROWS)] for position in range(2 * ROWS)]
     rows = [np.asarray(cv2.imread(str(path))) for path in chosen]
     left, right = np.concatenate(rows[:ROWS]), np.concatenate(rows[ROWS:])

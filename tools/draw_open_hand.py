@@ -1,6 +1,6 @@
 """Contact sheets of the open hand for `docs/open_hand.md`: `python tools/draw_open_hand.py`.
 
-Flat-shaded with matplotlib, faces sorted by depth: slow, small and the same everywhere.
+Matplotlib draws flat-shaded faces sorted by depth: slow, but small files that are the same on every machine.
 """
 
 import argparse
@@ -47,17 +47,17 @@ OPPOSITION = {
     "little's base": {"thumb CMC": (33, -12), "thumb MCP": (54, 0), "thumb IP": (16, 0),
                       "little MCP": (59, -3), "little PIP": (3, 0), "little DIP": (2, 0)},
 }  # fmt: skip
-"""Poses of Kapandji's test, degrees, found by the search in `tests/hand/test_thumb.py`."""
+"""Poses of Kapandji's test, bend and splay in degrees, found by the search in `tests/hand/test_thumb.py`."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera far away."""
+    """Direction of an orthographic view."""
 
     name: str
-    """For the title."""
+    """Name in the titles."""
     axes: Float[np.ndarray, "3 3"]
-    """Rows: the picture's right, its up, and towards the viewer, in the hand's frame."""
+    """Rows: right, up and towards the viewer in the hand's frame."""
 
 
 def _view(name: str, towards: Sequence[float]) -> View:
@@ -76,7 +76,7 @@ OBLIQUE = _view("oblique", (-0.3, -0.6, 0.7))
 def pose(
     hand: HandModel, degrees: Mapping[str, Sequence[float]]
 ) -> Float[Tensor, "joint=15 axis=3"]:
-    """Joint angles with the named joints at the given bend, splay and twist."""
+    """Joint angles, radians, with the named joints at the given bend, splay and twist in degrees."""
     angles = hand.neutral_angles()
     for joint, values in degrees.items():
         angles[ARTICULATED.index(joint), : len(values)] = torch.tensor(values).float().deg2rad()
@@ -86,7 +86,7 @@ def pose(
 def draw(
     axis: Axes, hand: HandModel, angles: Tensor, view: View, shape: Tensor | None = None
 ) -> None:
-    """One hand in one view."""
+    """Draw one hand in one view."""
     posed = hand(angles, torch.zeros(10) if shape is None else shape)
     points = posed.vertices.numpy() @ view.axes.T
     corners = points[hand.faces.numpy()]
@@ -107,7 +107,7 @@ def draw(
 
 
 def draw_landmarks(axis: Axes, hand: HandModel, angles: Tensor, view: View, colour: str) -> None:
-    """The skeleton of the hand's landmark set over the picture."""
+    """Draw the skeleton of the hand's landmarks over the image."""
     points = hand(angles, torch.zeros(10)).landmarks.numpy() @ view.axes.T
     for landmark, parent in enumerate(LANDMARK_PARENTS):
         if parent >= 0:
@@ -116,7 +116,7 @@ def draw_landmarks(axis: Axes, hand: HandModel, angles: Tensor, view: View, colo
 
 
 def rest_sheet(hand: HandModel, path: Path) -> None:
-    """Rest and neutral pose from three sides, with both landmark sets; a fist and a flat fist."""
+    """Draw rest pose, neutral pose, bent MCPs and a fist in four views, with both landmark sets."""
     fingers = ("index", "middle", "ring", "little")
     poses = {
         "rest": hand.rest_angles,
@@ -140,7 +140,7 @@ def rest_sheet(hand: HandModel, path: Path) -> None:
 
 
 def shape_sheet(hand: HandModel, path: Path) -> None:
-    """Each direction at −2 and +2 standard deviations, from the back and from the side."""
+    """Draw each shape direction at −2 and +2 standard deviations, from the back and from the side."""
     figure, axes = plt.subplots(5, 8, figsize=(13, 9))
     for direction, name in enumerate(SHAPE_NAMES):
         row, start = axes[direction // 2], 4 * (direction % 2)
@@ -153,7 +153,7 @@ def shape_sheet(hand: HandModel, path: Path) -> None:
 
 
 def joint_sheet(hand: HandModel, path: Path) -> None:
-    """Every free axis at the two ends of its literature range."""
+    """Draw every free joint axis at both ends of its range in the literature."""
     ranges = load_ranges("literature")
     free = [
         (joint, axis)
@@ -164,14 +164,14 @@ def joint_sheet(hand: HandModel, path: Path) -> None:
     figure, axes = plt.subplots(7, 6, figsize=(11, 13))
     for axis in axes.flat:
         axis.axis("off")
-    for place, (joint, angle) in enumerate(free):
+    for index, (joint, angle) in enumerate(free):
         view = (
             PALM if ARTICULATED[joint].startswith("thumb") and angle == 0 else (SIDE, BACK)[angle]
         )
         for end, bound in enumerate((ranges.lower, ranges.upper)):
             angles = hand.neutral_angles()
             angles[joint, angle] = bound[joint, angle]
-            target = axes.flat[2 * place + end]
+            target = axes.flat[2 * index + end]
             draw(target, hand, angles, view)
             degrees = float(bound[joint, angle].rad2deg())
             target.set_title(f"{ARTICULATED[joint]} {AXES[angle]} {degrees:.0f}°", fontsize=6)
@@ -179,7 +179,7 @@ def joint_sheet(hand: HandModel, path: Path) -> None:
 
 
 def opposition_sheet(hand: HandModel, path: Path) -> None:
-    """Kapandji's test: the thumb's pad on each fingertip and on the base of the little finger."""
+    """Draw Kapandji's test: the thumb's pad on each fingertip and on the base of the little finger."""
     figure, axes = plt.subplots(2, len(OPPOSITION), figsize=(2.2 * len(OPPOSITION), 4.6))
     for column, (name, degrees) in enumerate(OPPOSITION.items()):
         for row, view in enumerate((PALM, _view("from the fingertips", (-0.7, -0.6, 0.4)))):
@@ -193,14 +193,14 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=90)
     plt.close(figure)
-    # Few colours: the sheets stay small enough for the repository.
+    # Few colours keep the files small enough for the repository.
     Image.open(buffer).convert("RGB").quantize(96).save(path, optimize=True)
 
 
 def main() -> None:
     """Draw all sheets."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the pictures")
+    parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the images")
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
     mpl.use("Agg")

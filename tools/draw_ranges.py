@@ -1,7 +1,7 @@
-"""Pictures and numbers of `docs/ranges.md`: `python tools/draw_ranges.py`.
+"""Figures and tables of `docs/ranges.md`: `python tools/draw_ranges.py`.
 
-Draws both tables with natural poses over them, and how Eq. 2–3 narrow them; prints how far natural and
-unnatural poses are outside, as the Markdown tables of the page.
+Draws both tables of ranges with natural poses over them, and the ranges as Eq. 2–3 narrow them; prints the
+violations of natural and unnatural poses as the page's Markdown tables.
 """
 
 import argparse
@@ -33,7 +33,7 @@ TABLES = ("literature", "paper_release")
 COLOURS = {"literature": "#3b73b9", "paper_release": "#d98032"}
 STYLES = {"paper": ("#3b73b9", "-"), "printed": ("#5a9e6f", ":"), "release": ("#d98032", "--")}
 BEND, SPLAY = AXES.index("bend"), AXES.index("splay")
-RANGE_OF_MOTION_WEIGHT = 20_000.0  # λ₁ of Sec. 4.1: what a violation weighs against squared pixels.
+RANGE_OF_MOTION_WEIGHT = 20_000.0  # λ₁ of Sec. 4.1, against squared pixels.
 
 NONE = FunctionalAnatomy(
     splay_by_bend=False, bend_by_splay=False, pip_by_dip=False, thumb_cmc=False
@@ -48,7 +48,7 @@ RULES = {
     "all": FunctionalAnatomy(bend_by_splay=True),
 }
 MEAN_DEVIATION = 11.2
-"""Mean of the standard deviations of Latz et al., degrees, where a joint has none of its own."""
+"""Mean of Latz et al.'s standard deviations, degrees; used for joints that are not in `DEVIATIONS`."""
 DEVIATIONS = {
     "index MCP": ((10.2, 8.6), (12.8, 11.3)),
     "middle MCP": ((10.1, 8.5), (8.9, 11.1)),
@@ -59,21 +59,21 @@ DEVIATIONS = {
 
 
 def natural_poses(count: int) -> Float[Tensor, "pose joint=15 axis=3"]:
-    """As many poses of each split's gestures."""
+    """Sample natural poses: `count` of each split's gestures."""
     random = np.random.default_rng(0)
     poses = [sample_pose(random, held_out=held) for held in (False, True) for _ in range(count)]
     return torch.from_numpy(np.stack(poses)).float()
 
 
 def unnatural_poses(kind: str, count: int) -> Float[Tensor, "pose joint=15 axis=3"]:
-    """Natural poses with one finger spoilt in one way."""
+    """Sample natural poses with one finger made unnatural, in the way that `kind` names."""
     random = np.random.default_rng(1)
     poses = [sample_unnatural_pose(random, kind).joint_angles for _ in range(count)]
     return torch.from_numpy(np.stack(poses)).float()
 
 
 def draw_tables(poses: Tensor, path: Path) -> None:
-    """A bar for each free axis in each table; over both, where natural poses are."""
+    """Draw the range of each free axis in both tables as bars, and the natural poses' angles over them."""
     tables = {name: load_ranges(name) for name in TABLES}
     order = sorted(range(15), key=lambda joint: "thumb index middle ring little".find(
         ARTICULATED[joint].split()[0]
@@ -114,7 +114,7 @@ def draw_tables(poses: Tensor, path: Path) -> None:
 
 
 def draw_couplings(poses: Tensor, path: Path) -> None:
-    """Splay left by bend in every variant, and natural poses, at three joints."""
+    """Draw, for three joints, the range of splay by bend in every variant, and natural poses."""
     literature = load_ranges("literature")
     figure, panels = plt.subplots(1, 3, figsize=(10, 3.4))
     for panel, name in zip(panels, ("index MCP", "ring MCP", "thumb CMC"), strict=True):
@@ -124,7 +124,7 @@ def draw_couplings(poses: Tensor, path: Path) -> None:
         panel.set_title(name, fontsize=9)
         panel.set_xlabel("bend, degrees", fontsize=8)
         panel.tick_params(labelsize=7)
-    panels[0].set_ylabel("splay left, degrees", fontsize=8)
+    panels[0].set_ylabel("range of splay, degrees", fontsize=8)
     panels[0].legend(fontsize=7, loc="upper right")
     _save(figure, path)
 
@@ -142,7 +142,7 @@ def _draw_variants(panel: Axes, ranges: RangeOfMotion, joint: int) -> None:
 
 
 def print_rules(poses: Tensor) -> None:
-    """How far natural poses are outside, rule by rule."""
+    """Print violations of natural poses, rule by rule."""
     _print_row("table", "variant", "rules", "mean", "99 %", "largest", "> 22.5°", "λ₁ L_pose")
     _print_row(*["---"] * 8)
     for name in TABLES:
@@ -154,7 +154,7 @@ def print_rules(poses: Tensor) -> None:
 
 
 def print_alternatives(poses: Tensor) -> None:
-    """What wider tables would do: means, and one or two standard deviations more."""
+    """Print violations with wider ranges: means plus one or two standard deviations."""
     _print_row("literature", "mean", "99 %", "largest", "> 22.5°")
     _print_row(*["---"] * 5)
     for name, factor in (("means", 0), ("means + 1 SD", 1), ("means + 2 SD", 2)):
@@ -162,7 +162,7 @@ def print_alternatives(poses: Tensor) -> None:
 
 
 def print_tolerances(poses: Tensor) -> None:
-    """Which hands the score calls unnatural, by tolerance."""
+    """Print the percentages of hands that the score counts as unnatural, by tolerance."""
     unnatural = {kind: unnatural_poses(kind, 1000) for kind in KINDS}
     _print_row("table", "tolerance", "natural", *(kind.replace("_", "-") for kind in KINDS))
     _print_row(*["---"] * (3 + len(KINDS)))
@@ -174,7 +174,7 @@ def print_tolerances(poses: Tensor) -> None:
 
 
 def _widened(ranges: RangeOfMotion, factor: float) -> RangeOfMotion:
-    """Every free bound farther out by so many standard deviations."""
+    """Widen every free bound by a number of standard deviations."""
     deviations = torch.full((2, 15, 3), MEAN_DEVIATION)
     for joint, rows in DEVIATIONS.items():
         deviations[:, ARTICULATED.index(joint), :2] = torch.tensor(rows).T
@@ -183,7 +183,7 @@ def _widened(ranges: RangeOfMotion, factor: float) -> RangeOfMotion:
 
 
 def _share_beyond(poses: Tensor, ranges: RangeOfMotion, degrees: float) -> float:
-    """Percentage of hands with a joint outside by more than that."""
+    """Percentage of hands with a joint outside its range by more than these degrees."""
     return 100 * float((range_violation(poses, ranges).rad2deg() > degrees).double().mean())
 
 
@@ -203,14 +203,14 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=100)
     plt.close(figure)
-    # Few colours: the pictures stay small enough for the repository.
+    # Few colours keep the files small enough for the repository.
     Image.open(buffer).convert("RGB").quantize(64).save(path, optimize=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw the pictures and print the tables."""
+    """Draw the figures and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the pictures")
+    parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the images")
     parser.add_argument("--poses", type=int, default=2000, help="natural poses of each split")
     parsed = parser.parse_args(arguments)
     parsed.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Draw contact sheets of synthetic hands, one per level, to look at them."""
+"""Draw contact sheets of synthetic hands, one per level of difficulty."""
 
 import argparse
 from dataclasses import replace
@@ -25,7 +25,7 @@ FINGER_COLOURS = ((230, 80, 60), (235, 180, 50), (80, 190, 90), (70, 140, 230), 
 
 
 def tile(hand: SyntheticHand, side: int, *, landmarks: bool) -> np.ndarray:
-    """One picture, enlarged, with its labels drawn on it; hidden ones are hollow."""
+    """Enlarge one image and draw its labels on it, with hollow circles for occluded landmarks."""
     size = len(hand.image)
     image = cv2.resize(hand.image, (side, side), interpolation=cv2.INTER_CUBIC)
     if not landmarks:
@@ -41,7 +41,7 @@ def tile(hand: SyntheticHand, side: int, *, landmarks: bool) -> np.ndarray:
 
 
 def gesture_sheet(columns: int) -> np.ndarray:
-    """Every gesture from the palm and from the thumb's side, with its name."""
+    """Draw every gesture from the palm and from the thumb's side, with its name and overlap in mm."""
     level = Level("sheet", cone=0.0, roll=0.0, shift=0.0, sleeve=0.0)
     recipe = Recipe("train", level, 160, 0)
     model = open_hand(recipe.landmarks)
@@ -68,7 +68,7 @@ def gesture_sheet(columns: int) -> np.ndarray:
 
 
 def main() -> None:
-    """Write `<level>.png` into a folder."""
+    """Write `<level>.png` or `gestures.png` into a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--levels", nargs="+", default=["easy", "medium", "hard"])

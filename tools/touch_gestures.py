@@ -1,7 +1,7 @@
-"""Bend thumbs and fingers of the gesture library until they touch what they should, on the mean hand.
+"""Optimize gestures of the library so that the thumb touches its target, on the mean hand.
 
-Prints the rows of `gestures.yaml` that changed; run it when the open hand changes, look at the result with
-`tools/draw_synthetic.py --gestures`, and copy what is good.
+Prints the new joint angles of each gesture in `TOUCHES`. Run it when the open hand changes, check the result
+with `tools/draw_synthetic.py --gestures`, and copy the good rows into `gestures.yaml`.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from hand_recon.hand.skeleton import ARTICULATED, FINGERS, LANDMARKS
 from hand_recon.rendering.rays import RayScene
 
 COMFORT = {"thumb CMC": (8.0, -6.0), "thumb MCP": (15.0, 0.0), "thumb IP": (18.0, 0.0)}
-"""Degrees towards which the thumb is drawn: the middle of its easy range."""
+"""Bend and splay, degrees, that the thumb's joints are pulled towards: the middle of their easy range."""
 
 TOUCHES: dict[str, tuple[str, ...]] = {
     "six": ("little pad",), "seven": ("ring pad",), "eight": ("middle pad",), "nine": ("index pad",),
@@ -41,19 +41,21 @@ TOUCHES: dict[str, tuple[str, ...]] = {
     "horns": ("middle back",), "beckon": ("middle back",), "scissors": ("ring back",),
     "letter_a": ("index side",), "four": ("ring root",), "letter_b": ("ring root",),
 }  # fmt: skip
-"""What the thumb's pad touches."""
+"""Targets that the thumb's pad touches, by gesture."""
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Vertices by name."""
+    """Named places on the skin."""
 
     vertex: dict[str, int]
+    """Index of the vertex, by name."""
     normals: Tensor
+    """Normals of all vertices on the rest pose."""
 
 
 def find_spots(model: HandModel) -> Spots:
-    """The pads, backs, sides and roots of the fingers on the rest pose."""
+    """Find pad, back, side and root of every finger on the rest pose."""
     vertices, joints = model.rest(torch.zeros(10))
     landmarks = model.landmarks_of(vertices, joints).numpy()
     surface, faces = vertices.numpy(), model.faces.numpy()
@@ -80,7 +82,11 @@ def find_spots(model: HandModel) -> Spots:
 
 
 def touch(model: HandModel, spots: Spots, name: str, start: Tensor) -> tuple[Tensor, float]:
-    """Joint angles near the start for which the thumb's pad meets its targets; and the gap, metres."""
+    """Find joint angles near the start at which the thumb's pad touches its targets.
+
+    Returns:
+        Joint angles, radians, and the gap that is left, metres.
+    """
     targets = TOUCHES[name]
     free = torch.zeros(15, 3)
     for joint in COMFORT:
@@ -117,7 +123,7 @@ def _cost(
     hand = model(angles, torch.zeros(10))
     thumb = hand.vertices[spots.vertex["thumb pad"]]
     normal = _normal(hand.vertices, model.faces, spots.vertex["thumb pad"])
-    # A thumb that meets two fingers lies between them.
+    # With two targets, the thumb touches the point between them.
     ends = [hand.vertices[spots.vertex[target]] for target in targets]
     normals = [_normal(hand.vertices, model.faces, spots.vertex[target]) for target in targets]
     centre, mean = torch.stack(ends).mean(0), torch.stack(normals).mean(0)
@@ -134,7 +140,7 @@ def _normal(vertices: Tensor, faces: Tensor, vertex: int) -> Tensor:
 
 
 def main() -> None:
-    """Print every row that has a touch, with its gap and overlap in millimetres."""
+    """Print every gesture of `TOUCHES` with its angles in degrees, and gap and overlap in millimetres."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     names = parser.parse_args().names

@@ -1,4 +1,4 @@
-"""Write `examples/hands.json`: 2D landmarks of six hands as a detector reports them, from views of the open hand.
+"""Write `examples/hands.json`: detected 2D landmarks of six hands, from synthetic views of the open hand.
 
 python tools/write_example.py
 """
@@ -15,7 +15,14 @@ TARGET = Path(__file__).resolve().parents[1] / "examples" / "hands.json"
 VIEWS = ((2, "right"), (9, "right"), (14, "left"), (21, "right"), (33, "right"), (40, "left"))
 """Index and side of each view; a left hand is the mirror image of a right one."""
 
-PLACES = ((40, 60, 1.4), (330, 40, 1.2), (180, 150, 1.5), (60, 190, 1.1), (400, 170, 1.0), (220, 30, 1.3))
+PLACES = (
+    (40, 60, 1.4),
+    (330, 40, 1.2),
+    (180, 150, 1.5),
+    (60, 190, 1.1),
+    (400, 170, 1.0),
+    (220, 30, 1.3),
+)
 """Left, top and scale of each 224-pixel crop in an image of 640 × 480 pixels."""
 
 HIDDEN = {3: (15, 16, 19, 20)}

@@ -10,9 +10,9 @@ from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 def main() -> None:
     """Write the folder that the arguments describe."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("root", type=Path, help="folder to write; must not hold training pictures")
-    parser.add_argument("--unique", type=int, default=64, help="training hands, four pictures each")
-    parser.add_argument("--evaluation", type=int, default=32, help="evaluation pictures")
+    parser.add_argument("root", type=Path, help="folder to write; must not hold training images")
+    parser.add_argument("--unique", type=int, default=64, help="training hands, four images each")
+    parser.add_argument("--evaluation", type=int, default=32, help="evaluation images")
     parser.add_argument("--without-vertices", action="store_true", help="leave *_verts.json out")
     parser.add_argument(
         "--mano",

@@ -1,9 +1,10 @@
-"""The nearest point of a triangle mesh, exactly and by brute force: a build script can afford it."""
+"""Nearest points on a triangle mesh, exact, by brute force over all triangles."""
 
 import numpy as np
 from jaxtyping import Float, Int
 
 CHUNK = 64
+"""Points per step, which bounds the memory."""
 
 
 def closest_barycentric(
@@ -11,7 +12,7 @@ def closest_barycentric(
     vertices: Float[np.ndarray, "vertex 3"],
     faces: Int[np.ndarray, "face 3"],
 ) -> Float[np.ndarray, "point vertex"]:
-    """Weights of the mesh's vertices whose sum is the surface's nearest point, row by row."""
+    """Barycentric weights over the mesh's vertices of the surface point nearest to each point."""
     weights = np.zeros((len(points), len(vertices)))
     for start in range(0, len(points), CHUNK):
         part = points[start : start + CHUNK]
@@ -28,7 +29,7 @@ def distances(
     vertices: Float[np.ndarray, "vertex 3"],
     faces: Int[np.ndarray, "face 3"],
 ) -> Float[np.ndarray, " point"]:
-    """From each point to the surface, in the unit of the vertices."""
+    """Distance of each point to the surface, in the unit of the vertices."""
     nearest = closest_barycentric(points, vertices, faces) @ vertices
     return np.asarray(np.linalg.norm(nearest - points, axis=1))
 
@@ -36,7 +37,7 @@ def distances(
 def _barycentric_per_face(
     points: Float[np.ndarray, "point 3"], triangles: Float[np.ndarray, "face 3 3"]
 ) -> Float[np.ndarray, "point face 3"]:
-    """The nearest point of every triangle to every point, as weights of its corners."""
+    """Barycentric coordinates of the nearest point of every triangle to every point."""
     inside = _projection(points, triangles)
     best = np.where((inside >= 0).all(axis=-1, keepdims=True), inside, 0.0)
     gap = np.where((inside >= 0).all(axis=-1), _gap(points, triangles, best), np.inf)
@@ -56,7 +57,7 @@ def _barycentric_per_face(
 def _projection(
     points: Float[np.ndarray, "point 3"], triangles: Float[np.ndarray, "face 3 3"]
 ) -> Float[np.ndarray, "point face 3"]:
-    """Barycentric coordinates of the foot of the perpendicular, negative outside."""
+    """Barycentric coordinates of every point's projection on every triangle's plane; negative outside."""
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
     offset = points[:, None] - triangles[:, 0]

@@ -9,29 +9,29 @@ from jaxtyping import Float, Int
 from open_hand.closest import closest_barycentric
 
 LENGTH_PENALTY = 4e-7
-"""Square metres by which an edge's squared length counts beside the quadric error: evens out the mesh."""
+"""Weight of an edge's squared length beside the quadric error, m²; it evens out the mesh."""
 
 BOUNDARY_WEIGHT = 0.1
-"""Weight of the planes that hold the open boundary in place."""
+"""Weight of the quadrics that keep the open boundary in place."""
 
-SMALLEST_TURN = 0.3
-"""Cosine of the largest turn of a triangle's normal that a collapse may cause."""
+LEAST_COSINE = 0.3
+"""Cosine of the largest angle by which a collapse may rotate a triangle's normal."""
 
 
 @dataclass(frozen=True)
 class Decimation:
-    """A coarser mesh and where its vertices are on the finer one."""
+    """A coarser mesh and the positions of its vertices on the finer one."""
 
     vertices: Float[np.ndarray, "coarse 3"]
-    """Metres."""
+    """Vertices of the coarser mesh, metres."""
     faces: Int[np.ndarray, "face 3"]
-    """Triangles with the finer mesh's orientation."""
+    """Triangles of the coarser mesh, with the finer mesh's orientation."""
     barycentric: Float[np.ndarray, "coarse vertex"]
-    """Weights of the finer mesh's vertices at the nearest point of its surface."""
+    """Barycentric weights over the finer mesh's vertices of the surface point nearest to each vertex."""
 
 
 class _Collapser:
-    """The mesh while it shrinks."""
+    """The mesh during decimation, with a quadric per vertex."""
 
     def __init__(
         self,
@@ -78,13 +78,13 @@ class _Collapser:
             self.quadrics[corner] += BOUNDARY_WEIGHT * (along @ along) * np.outer(plane, plane)
 
     def neighbours(self, vertex: int) -> set[int]:
-        """All vertices that share a triangle with this one."""
+        """Vertices that share a triangle with this one."""
         return {corner for face in self.incident[vertex] for corner in self.triangles[face]} - {
             vertex
         }
 
     def candidate(self, a: int, b: int) -> tuple[float, int, int, tuple[float, ...]] | None:
-        """Cost of the best collapse of an edge, what stays, what goes, and where; None if forbidden."""
+        """The cheapest collapse of an edge: cost, kept and removed vertex, position; None if forbidden."""
         if self._fixed(b) and not self._fixed(a):
             a, b = b, a
         if self._fixed(b) and (b in self.pinned or a not in self.boundary):
@@ -98,7 +98,7 @@ class _Collapser:
         length = self.points[a] - self.points[b]
         cost = float(costs[best] + LENGTH_PENALTY * (length @ length))
         if {a, b} <= self.boundary:
-            # The cut at the wrist is arbitrary: it is thinned first.
+            # The boundary at the wrist has no shape to preserve, so it is thinned first.
             cost *= 1e-3
         return cost, a, b, tuple(map(float, ends[best]))
 
@@ -112,40 +112,44 @@ class _Collapser:
         return [np.linalg.solve(quadric[:3, :3], -quadric[:3, 3])]
 
     def joined(self, a: int, b: int) -> bool:
-        """Whether there is still an edge between two vertices."""
+        """True if there is still an edge between two vertices."""
         return a in self.incident and b in self.incident and b in self.neighbours(a)
 
-    def allowed(self, stays: int, goes: int, place: tuple[float, ...], boundary_count: int) -> bool:
-        """Whether the mesh stays a manifold, keeps its boundary, and no triangle folds over."""
+    def allowed(
+        self, stays: int, goes: int, position: tuple[float, ...], boundary_count: int
+    ) -> bool:
+        """True if after a collapse the mesh is a manifold, keeps its boundary, and no triangle folds over."""
         shared = self.incident[stays] & self.incident[goes]
         if len(self.neighbours(stays) & self.neighbours(goes)) != len(shared):
             return False
-        at_the_end = len(self.boundary) <= boundary_count
-        if {stays, goes} <= self.boundary and (len(shared) != 1 or at_the_end):
+        boundary_done = len(self.boundary) <= boundary_count
+        if {stays, goes} <= self.boundary and (len(shared) != 1 or boundary_done):
             return False
         touched = (self.incident[stays] | self.incident[goes]) - shared
-        return all(self._keeps_its_side(face, (stays, goes), place) for face in touched)
+        return all(self._stays_unfolded(face, (stays, goes), position) for face in touched)
 
-    def _keeps_its_side(self, face: int, moving: tuple[int, int], place: tuple[float, ...]) -> bool:
+    def _stays_unfolded(
+        self, face: int, moving: tuple[int, int], position: tuple[float, ...]
+    ) -> bool:
         corners = self.triangles[face]
         before = self.points[list(corners)]
-        after = np.array([place if c in moving else self.points[c] for c in corners])
+        after = np.array([position if c in moving else self.points[c] for c in corners])
         normals = [np.cross(p[1] - p[0], p[2] - p[0]) for p in (before, after)]
         sizes = [np.linalg.norm(normal) for normal in normals]
         longest = max(float(np.sum((after[i] - after[i - 1]) ** 2)) for i in range(3))
         if sizes[1] < 0.15 * longest:
             return False
-        return bool(normals[0] @ normals[1] > SMALLEST_TURN * sizes[0] * sizes[1])
+        return bool(normals[0] @ normals[1] > LEAST_COSINE * sizes[0] * sizes[1])
 
-    def collapse(self, stays: int, goes: int, place: tuple[float, ...]) -> None:
-        """Merge two vertices."""
+    def collapse(self, stays: int, goes: int, position: tuple[float, ...]) -> None:
+        """Merge two vertices into one at a position."""
         for face in self.incident[stays] & self.incident[goes]:
             for corner in self.triangles.pop(face):
                 self.incident[corner].discard(face)
         for face in self.incident.pop(goes):
             self.triangles[face] = tuple(stays if c == goes else c for c in self.triangles[face])
             self.incident[stays].add(face)
-        self.points[stays] = place
+        self.points[stays] = position
         self.quadrics[stays] += self.quadrics[goes]
         self.boundary.discard(goes)
 
@@ -156,13 +160,13 @@ def decimate(
     counts: tuple[int, int],
     pinned: list[int],
 ) -> Decimation:
-    """Collapse edges, cheapest first, until the wanted numbers of vertices are left.
+    """Collapse edges, cheapest first, until a given number of vertices is left.
 
     Args:
-        vertices: Of the finer mesh, which has one open boundary; metres.
-        faces: Its triangles.
-        counts: Vertices wanted, and those of them wanted on the open boundary.
-        pinned: Vertices that stay where they are; they become the first ones of the result.
+        vertices: Vertices of the finer mesh, which has one open boundary; metres.
+        faces: Triangles of the finer mesh.
+        counts: Number of vertices of the result, and of those on its open boundary.
+        pinned: Vertices that are not moved; they become the first ones of the result.
 
     Raises:
         ValueError: No allowed collapse is left before the count is reached.
@@ -178,18 +182,21 @@ def decimate(
     heapq.heapify(queue)
     while len(work.incident) > count:
         if not queue:
-            raise ValueError(f"Stuck at {len(work.incident)} vertices, {count} wanted.")
+            raise ValueError(
+                f"No allowed collapse is left at {len(work.incident)} vertices, expected {count}. Ask for "
+                "more vertices, or pin fewer."
+            )
         cost, stays, goes, _ = heapq.heappop(queue)
         current = work.candidate(stays, goes) if work.joined(stays, goes) else None
         if current is None:
             continue
         if current[0] > cost + 1e-15:
-            # The neighbourhood has changed since this collapse was priced.
+            # The neighbourhood has changed since the cost was computed.
             heapq.heappush(queue, current)
             continue
-        _, stays, goes, place = current
-        if work.allowed(stays, goes, place, boundary_count):
-            work.collapse(stays, goes, place)
+        _, stays, goes, position = current
+        if work.allowed(stays, goes, position, boundary_count):
+            work.collapse(stays, goes, position)
             edges = [work.candidate(stays, other) for other in sorted(work.neighbours(stays))]
             for edge in filter(None, edges):
                 heapq.heappush(queue, edge)

@@ -1,4 +1,4 @@
-"""Two definitions of the 21 landmarks on the posed hand, as weights over vertices and centres."""
+"""Two definitions of the 21 landmarks on the posed hand, as weights over vertices and joint centres."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,10 +8,10 @@ from open_hand.skeleton import ORDER, SOURCE_ROW, Skeleton
 from open_hand.source import SourceHand
 
 RING_WIDTH = 0.0045
-"""Reach of the ring of skin that carries a landmark, along the finger, metres."""
+"""Half width, along the finger, of the ring of skin that defines a landmark, metres."""
 
 TIP_DEPTH = 0.0035
-"""How far under the end of the finger annotators see the tip, metres."""
+"""Distance of the annotated fingertip from the end of the finger, metres."""
 
 
 def knuckle_landmarks(
@@ -19,7 +19,7 @@ def knuckle_landmarks(
     weights: Float[np.ndarray, "vertex joint=16"],
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "landmark=21 point"]:
-    """Where annotators and detectors put points: the joints themselves, and just inside the tips."""
+    """Landmarks of annotators and detectors: the joint centres, and points just inside the fingertips."""
     regressor = np.zeros((21, len(vertices) + 16))
     for landmark, joint in JOINT_OF_LANDMARK.items():
         regressor[landmark, len(vertices) + joint] = 1.0
@@ -31,7 +31,7 @@ def knuckle_landmarks(
         ring = weights[:, joint] > 0.9
         ring &= np.abs((vertices - target) @ along) < RING_WIDTH
         row = LANDMARKS.index(f"{finger} tip")
-        regressor[row, : len(vertices)] = carried_by(vertices, ring, target)
+        regressor[row, : len(vertices)] = ring_weights(vertices, ring, target)
     return regressor
 
 
@@ -41,10 +41,10 @@ def mano_landmarks(
     source: SourceHand,
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "landmark=21 point"]:
-    """As MANO-labelled datasets: MCPs about a centimetre beyond the knuckles, tips on the skin.
+    """Landmarks of MANO-labelled datasets: MCPs about a centimetre distal of the joints, tips on the skin.
 
-    The source's rig has its centres in MANO's proportions; rings of skin carry them. The wrist is
-    the same point in both sets.
+    The joint centres of the source's rig have MANO's proportions; rings of skin around them define the
+    landmarks. The wrist is the same point in both sets.
     """
     regressor = np.zeros((21, len(vertices) + 16))
     regressor[0, len(vertices)] = 1.0
@@ -54,7 +54,7 @@ def mano_landmarks(
         position, part = divmod(joint - 1, 3)
         target = source.rig_joints[SOURCE_ROW[ORDER[position]]][part]
         ring = _ring(vertices, weights, target, joint, skeleton)
-        regressor[landmark, : len(vertices)] = carried_by(vertices, ring, target)
+        regressor[landmark, : len(vertices)] = ring_weights(vertices, ring, target)
     for position, finger in enumerate(ORDER):
         # The decimation keeps the fingertips as the first vertices, in this order.
         regressor[LANDMARKS.index(f"{finger} tip"), position] = 1.0
@@ -78,13 +78,15 @@ def _ring(
         ring = (own > (0.6 if base_of_finger else 0.95)) & near & (distance < reach)
         if ring.sum() >= 8:
             return np.asarray(ring)
-    raise ValueError(f"Fewer than eight vertices around {JOINTS[joint]}; widen the ring.")
+    raise ValueError(
+        f"Found fewer than 8 vertices around {JOINTS[joint]}; expected 8 or more. Increase RING_WIDTH."
+    )
 
 
-def carried_by(
+def ring_weights(
     vertices: Float[np.ndarray, "vertex 3"], ring: np.ndarray, target: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " vertex"]:
-    """The most even weights over a ring of vertices that put their sum at the target."""
+    """The weights over a ring of vertices, as even as possible, whose weighted mean is the target."""
     chosen = np.flatnonzero(ring)
     system = np.vstack([vertices[chosen].T - target[:, None], np.ones(len(chosen))])
     even = np.full(len(chosen), 1 / len(chosen))

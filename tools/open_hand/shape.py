@@ -1,8 +1,8 @@
-"""Ten directions in which hands differ, each at its published variation (docs/open_hand.md).
+"""Ten shape directions of the hand, each scaled to its published variation (docs/open_hand.md).
 
-Nine are strains of the hand's segments, blended by the skinning weights; the tenth is what is left of
-the source's own variation. Each is made orthogonal to the ones before it, so that coefficients drawn
-independently vary the hand as independently as can be.
+Nine are strains of the hand's segments, blended by the skinning weights; the tenth is the largest variation
+of the source's hands beyond these. Each is made orthogonal to the ones before it, so that independent
+coefficients vary the hand as independently as possible.
 """
 
 from collections.abc import Callable
@@ -16,19 +16,19 @@ from open_hand.skeleton import ORDER, Skeleton
 from open_hand.source import SourceHand
 
 Strain = Callable[[str, int], Float[np.ndarray, " 3"]]
-"""From finger and part of it to the relative growth along, across the depth and across the breadth."""
+"""From a finger and its segment to its relative growth in length, depth and breadth."""
 
 
 @dataclass(frozen=True)
 class ShapeDirections:
-    """Displacements per standard deviation, metres; the middle MCP does not move."""
+    """Displacements per standard deviation, metres, relative to the middle MCP."""
 
     names: tuple[str, ...]
-    """What each direction changes."""
+    """Names of the directions."""
     vertices: Float[np.ndarray, "vertex 3 direction=10"]
-    """Of the source mesh."""
+    """Displacements of the source mesh's vertices."""
     joints: Float[np.ndarray, "joint=16 3 direction=10"]
-    """Of the rotation centres."""
+    """Displacements of the rotation centres."""
 
 
 def _size(finger: str, part: int) -> Float[np.ndarray, " 3"]:
@@ -92,7 +92,7 @@ STRAINS: dict[str, Strain] = {
 }
 """The nine directions in order; the numbers are relative growth per standard deviation."""
 
-REST_NAME = "build: what is left between the source's men and women, lean and muscular"
+REST_NAME = "build: remaining difference of the source's men and women, lean and muscular"
 
 REST_RMS = 0.0005
 """Root mean square displacement of the tenth direction, metres."""
@@ -101,7 +101,7 @@ REST_RMS = 0.0005
 def shape_directions(
     source: SourceHand, skeleton: Skeleton, weights: Float[np.ndarray, "vertex joint=16"]
 ) -> ShapeDirections:
-    """The ten directions on the source mesh and its rotation centres."""
+    """Compute the ten directions on the source mesh and its rotation centres."""
     fields = [
         _strain_field(source.vertices, skeleton, weights, strain) for strain in STRAINS.values()
     ]
@@ -118,25 +118,26 @@ def _strain_field(
     weights: Float[np.ndarray, "vertex joint=16"],
     strain: Strain,
 ) -> Float[np.ndarray, "point 3"]:
-    """Displacement of the vertices, then of the rotation centres, relative to the middle MCP."""
+    """Displacements of the vertices, then of the rotation centres, relative to the middle MCP."""
     growth = [np.diag(strain("palm", 0))]
     for joint in range(1, 16):
         finger, part = divmod(joint - 1, 3)
         frame = skeleton.frames[joint - 1]
         growth.append(frame @ np.diag(strain(ORDER[finger], part)) @ frame.T)
     centres = skeleton.joints
-    shifts = np.zeros((16, 3))
+    translations = np.zeros((16, 3))
     for joint in range(1, 16):
         parent = PARENTS[joint]
-        shifts[joint] = shifts[parent] + growth[parent] @ (centres[joint] - centres[parent])
+        step = growth[parent] @ (centres[joint] - centres[parent])
+        translations[joint] = translations[parent] + step
     offsets = vertices[:, None] - centres
-    moved = np.einsum("jxy,vjy->vjx", np.stack(growth), offsets) + shifts
+    moved = np.einsum("jxy,vjy->vjx", np.stack(growth), offsets) + translations
     surface = np.einsum("vj,vjx->vx", weights, moved)
-    return np.asarray(np.concatenate([surface, shifts]) - shifts[ROOT_JOINT])
+    return np.asarray(np.concatenate([surface, translations]) - translations[ROOT_JOINT])
 
 
 def _orthogonal(fields: list[Float[np.ndarray, "point 3"]]) -> list[Float[np.ndarray, "point 3"]]:
-    """Each without what the ones before it can do, on the surface; joints follow."""
+    """Orthogonalize each field to the ones before it, on the vertices alone; joints follow."""
     result: list[Float[np.ndarray, "point 3"]] = []
     for field in fields:
         for earlier in result:
@@ -152,7 +153,7 @@ def _rest_of_the_source(
     weights: Float[np.ndarray, "vertex joint=16"],
     fields: list[Float[np.ndarray, "point 3"]],
 ) -> Float[np.ndarray, "point 3"]:
-    """First principal direction of the source's hands, once turned, moved and freed of the nine."""
+    """First principal direction of the source's hands after alignment and without the other nine."""
     aligned = [_aligned(variation, source.vertices) for variation in source.variations]
     carry = _joint_carriers(source, skeleton, weights)
     rests = []
@@ -172,7 +173,7 @@ def _rest_of_the_source(
 def _aligned(
     points: Float[np.ndarray, "vertex 3"], target: Float[np.ndarray, "vertex 3"]
 ) -> Float[np.ndarray, "vertex 3"]:
-    """Turned, scaled and moved onto the target, least squares."""
+    """Align points to a target by the similarity of least squares."""
     centre, goal = points.mean(axis=0), target.mean(axis=0)
     u, sizes, v = np.linalg.svd((points - centre).T @ (target - goal))
     scale = sizes.sum() / np.square(points - centre).sum()
@@ -182,7 +183,7 @@ def _aligned(
 def _joint_carriers(
     source: SourceHand, skeleton: Skeleton, weights: Float[np.ndarray, "vertex joint=16"]
 ) -> Float[np.ndarray, "joint=16 vertex"]:
-    """How the skin around each centre carries it along."""
+    """Weights over the skin around each rotation centre, whose mean displacement the centre follows."""
     squared = np.square(skeleton.joints[:, None] - source.vertices).sum(axis=-1)
     near = np.exp(-squared / (2 * 0.012**2))
     for joint in range(1, 16):

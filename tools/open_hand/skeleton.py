@@ -1,4 +1,4 @@
-"""Rotation centres where anatomy has them, and each joint's axes and neutral (docs/open_hand.md)."""
+"""Anatomical rotation centres of the joints, their axes and neutral pose (docs/open_hand.md)."""
 
 from dataclasses import dataclass
 
@@ -12,42 +12,42 @@ from open_hand.source import SourceHand
 __all__ = ["ORDER", "SOURCE_ROW", "Skeleton", "build_skeleton", "fingertip", "tip_vertex", "unit"]
 
 MCP_SHIFT = {"index": 0.0130, "middle": 0.0115, "ring": 0.0125, "little": 0.0120}
-"""How far proximal of the rig's the MCP centres lie, metres: about 2 cm proximal of the webs."""
+"""Distance of the MCP centres proximal of the rig's, metres; they lie about 2 cm proximal of the webs."""
 
 DIP_SHIFT = {"index": 0.0025, "middle": 0.0015, "ring": 0.0025, "little": 0.0010}
-"""How far distal of the rig's the DIP centres lie, metres: the rig's distal phalanges are too long."""
+"""Distance of the DIP centres distal of the rig's, metres; the rig's distal phalanges are too long."""
 
 CMC_SHIFT = (0.0110, 0.0005, -0.0010)
-"""From the rig's CMC to the trapezium's saddle, metres: first metacarpal of published length."""
+"""Offset of the trapezium's saddle from the rig's CMC, metres; it gives the published metacarpal length."""
 
 THUMB_MCP_SHIFT = 0.0025
-"""How far distal of the rig's the thumb's MCP centre lies, metres."""
+"""Distance of the thumb's MCP centre distal of the rig's, metres."""
 
 DORSAL_DEPTH = {"MCP": 0.0098, "PIP": 0.0072, "DIP": 0.0057}
-"""From the skin of the back to the centre of the condyles, metres, for the middle finger."""
+"""Depth of the centre of the condyles under the dorsal skin, metres, for the middle finger."""
 
 METACARPAL_OFFSET = {"index": 0.006, "middle": -0.001, "ring": 0.006, "little": -0.006}
-"""From the rig's metacarpal bases, which neighbours share, towards the thumb, metres."""
+"""Offset of each metacarpal base towards the thumb, metres; in the rig, neighbours share a base."""
 
 SOURCE_ROW = {"thumb": 0, "index": 1, "middle": 2, "ring": 3, "little": 4}
-"""Where each finger is in the source's own order; ORDER is MANO's."""
+"""Row of each finger in the source's order; `ORDER` is MANO's."""
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Centres and axes of the joints at rest."""
+    """Rotation centres and axes of the joints at rest."""
 
     joints: Float[np.ndarray, "joint=16 3"]
     """Rotation centres, metres."""
     tips: Float[np.ndarray, "finger=5 3"]
-    """Ends of the fingers in MANO's order, metres."""
+    """Fingertips in MANO's order, metres."""
     frames: Float[np.ndarray, "joint=15 3 3"]
     """Axes of each child segment at rest, one per column: twist, splay, bend."""
     rest_angles: Float[np.ndarray, "joint=15 axis=3"]
     """Bend, splay and twist of the rest pose from the anatomical neutral, radians."""
 
     def bone(self, joint: int) -> Float[np.ndarray, "2 3"]:
-        """Both ends of the segment that the articulated joint 1–15 moves."""
+        """Both ends of the segment distal of a joint, 1 to 15."""
         finger, part = divmod(joint - 1, 3)
         end = self.tips[finger] if part == 2 else self.joints[joint + 1]
         return np.stack([self.joints[joint], end])
@@ -67,7 +67,7 @@ def build_skeleton(source: SourceHand) -> Skeleton:
 
 
 def fingertip(source: SourceHand, finger: str) -> Float[np.ndarray, " 3"]:
-    """The farthest vertex along the distal phalanx."""
+    """Position of the fingertip, metres: the farthest vertex along the distal phalanx."""
     return np.asarray(source.vertices[tip_vertex(source, finger)])
 
 

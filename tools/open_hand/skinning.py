@@ -1,4 +1,4 @@
-"""Skinning weights around the anatomical centres: each joint blends over the finger's own thickness."""
+"""Skinning weights for the anatomical rotation centres, blended over the finger's thickness at each joint."""
 
 import numpy as np
 import scipy.sparse as sparse
@@ -9,24 +9,25 @@ from open_hand.skeleton import ORDER, SOURCE_ROW, Skeleton, unit
 from open_hand.source import SourceHand
 
 HALF_WIDTH = {"MCP": 0.0125, "PIP": 0.0065, "DIP": 0.0050}
-"""Half of the stretch of skin over which a joint's turn is taken up, metres."""
+"""Half length of the skin over which a joint's rotation is blended, metres."""
 
 PALMAR_LAG = {"MCP": 0.55, "PIP": 0.0, "DIP": 0.0}
-"""How much farther distal the palm's skin starts to move per metre of depth below the centre.
+"""Distal offset of the blend per metre of depth below the rotation centre.
 
-The palm reaches 2 cm beyond the MCP centres, the skin of the knuckles none.
+The palm's skin reaches 2 cm distal of the MCP centres, the dorsal skin does not.
 """
 
 RAY_WIDTH = 0.0060
-"""Softness of the border between neighbouring rays in the palm, metres."""
+"""Width of the blend between neighbouring rays in the palm, metres."""
 
 SMOOTHING_STEPS = 4
+"""Averaging steps over neighbouring vertices at the end."""
 
 
 def skinning_weights(
     source: SourceHand, skeleton: Skeleton
 ) -> Float[np.ndarray, "vertex joint=16"]:
-    """How much each joint carries each vertex; no finger's skin follows another finger."""
+    """Compute the weight of each joint at each vertex; fingers have no weight on each other's skin."""
     vertices = source.vertices
     neighbours = _neighbour_average(source.faces, len(vertices))
     owner = _owners(source)
@@ -37,18 +38,18 @@ def skinning_weights(
         first = 1 + 3 * position
         if finger == "thumb":
             share = thumb
-            turns = [np.ones(len(vertices))]
+            steps = [np.ones(len(vertices))]
         else:
             share = rays[:, position] * (1 - thumb)
-            turns = [_turn(vertices, skeleton, first, "MCP")]
-        turns += [
-            _turn(vertices, skeleton, first + 1, "PIP"),
-            _turn(vertices, skeleton, first + 2, "DIP"),
+            steps = [_step(vertices, skeleton, first, "MCP")]
+        steps += [
+            _step(vertices, skeleton, first + 1, "PIP"),
+            _step(vertices, skeleton, first + 2, "DIP"),
         ]
-        carried = share * turns[0]
-        weights[:, first] = carried * (1 - turns[1])
-        weights[:, first + 1] = carried * turns[1] * (1 - turns[2])
-        weights[:, first + 2] = carried * turns[1] * turns[2]
+        finger_weight = share * steps[0]
+        weights[:, first] = finger_weight * (1 - steps[1])
+        weights[:, first + 1] = finger_weight * steps[1] * (1 - steps[2])
+        weights[:, first + 2] = finger_weight * steps[1] * steps[2]
     weights[:, 0] = 1 - weights.sum(axis=1)
     weights = weights.clip(min=0)
     for _ in range(SMOOTHING_STEPS):
@@ -58,7 +59,7 @@ def skinning_weights(
 
 
 def _owners(source: SourceHand) -> Int[np.ndarray, " vertex"]:
-    """The finger, in MANO's order, that alone may move a vertex; −1 in the palm and the webs."""
+    """Index, in MANO's order, of the finger that a vertex belongs to; −1 in the palm and the webs."""
     owner = np.full(len(source.vertices), -1)
     for position, finger in enumerate(ORDER):
         owner[source.finger_weights[:, SOURCE_ROW[finger]] > 0.98] = position
@@ -68,7 +69,7 @@ def _owners(source: SourceHand) -> Int[np.ndarray, " vertex"]:
 def _keep_apart(
     weights: Float[np.ndarray, "vertex joint=16"], owner: Int[np.ndarray, " vertex"]
 ) -> Float[np.ndarray, "vertex joint=16"]:
-    """Free each finger's skin of the other fingers' joints, four influences at most, rows to one."""
+    """Remove other fingers' weights from each finger's skin, keep the four largest, normalize the rows."""
     finger = np.concatenate([[-1], np.repeat(np.arange(5), 3)])
     foreign = (owner[:, None] >= 0) & (finger[None] >= 0) & (finger[None] != owner[:, None])
     weights = np.where(foreign, 0.0, weights)
@@ -77,10 +78,10 @@ def _keep_apart(
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _turn(
+def _step(
     vertices: Float[np.ndarray, "vertex 3"], skeleton: Skeleton, joint: int, kind: str
 ) -> Float[np.ndarray, " vertex"]:
-    """0 before the joint, 1 beyond it, with a smooth step along the bisector of its two bones."""
+    """Smooth step along the bisector of a joint's two bones: 0 proximal of the joint, 1 distal."""
     centre = skeleton.joints[joint]
     before = centre - skeleton.joints[0 if kind == "MCP" else joint - 1]
     after = np.diff(skeleton.bone(joint), axis=0)[0]
@@ -93,7 +94,7 @@ def _turn(
 
 
 def _smooth_step(position: Float[np.ndarray, " vertex"]) -> Float[np.ndarray, " vertex"]:
-    """From 0 at −1 to 1 at +1 with flat ends."""
+    """Cubic step from 0 at −1 to 1 at +1 with zero slope at both ends."""
     t = (0.5 * (position + 1)).clip(0, 1)
     return np.asarray(t * t * (3 - 2 * t))
 
@@ -104,7 +105,7 @@ def _ray_shares(
     neighbours: sparse.csr_matrix,
     owner: Int[np.ndarray, " vertex"],
 ) -> Float[np.ndarray, "vertex finger=4"]:
-    """To which of the four fingers' rays a vertex belongs, seen from the back of the hand."""
+    """Shares of the four fingers' rays in each vertex, by distance in the view from the back of the hand."""
     seen = source.vertices[:, [0, 2]]
     distances = []
     for position, finger in enumerate(ORDER[:4]):
@@ -128,14 +129,14 @@ def _distance(
     start: Float[np.ndarray, " 2"],
     end: Float[np.ndarray, " 2"],
 ) -> Float[np.ndarray, " vertex"]:
-    """To a segment."""
+    """Distance of each point to a line segment."""
     along = end - start
     t = ((points - start) @ along / (along @ along)).clip(0, 1)
     return np.asarray(np.linalg.norm(points - start - t[:, None] * along, axis=1))
 
 
 def _thumb_share(source: SourceHand, skeleton: Skeleton) -> Float[np.ndarray, " vertex"]:
-    """How much the thumb's metacarpal carries: harmonic between the thumb and the rest of the hand."""
+    """Weight of the thumb's metacarpal: harmonic between 1 on the thumb and 0 on the rest of the hand."""
     vertices = source.vertices
     cmc, mcp = skeleton.bone(13)
     along = unit(mcp - cmc)
@@ -154,7 +155,7 @@ def _harmonic(
     one: Bool[np.ndarray, " vertex"],
     zero: Bool[np.ndarray, " vertex"],
 ) -> Float[np.ndarray, " vertex"]:
-    """The smoothest function over the mesh's edges with both sets held."""
+    """The harmonic function over the mesh's edges that is 1 on one set and 0 on the other."""
     average = _neighbour_average(faces, len(one))
     free = ~(one | zero)
     system = sparse.identity(int(free.sum())) - average[free][:, free]
@@ -164,7 +165,7 @@ def _harmonic(
 
 
 def _neighbour_average(faces: Int[np.ndarray, "face 3"], count: int) -> sparse.csr_matrix:
-    """Each row averages over a vertex's neighbours."""
+    """Matrix that averages over each vertex's neighbours."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
     ones = np.ones(len(edges))

