@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -11,6 +12,7 @@ from hand_recon.camera import (
     bounded_log_scale,
     default_intrinsics,
     project,
+    project_array,
     raw_to_translation,
     rotation_between,
     six_d_to_rotation,
@@ -128,3 +130,19 @@ def test_a_small_hand_looks_the_same_through_a_long_lens_off_centre() -> None:
     spread = (before - before.mean(dim=1, keepdim=True)).norm()
     # The image plane stretches off its centre, here by at most the squared cosine of the ray.
     assert (after - before).norm() < 0.35 * spread
+
+
+def test_projection_of_numpy_points_agrees_with_a_hand_computed_pixel() -> None:
+    intrinsics = np.array([[100.0, 0, 30], [0, 200.0, 40], [0, 0, 1]])
+    points = np.array([[0.1, -0.2, 0.5]])
+    np.testing.assert_allclose(project_array(points, intrinsics), [[50.0, -40.0]])
+
+
+def test_numpy_points_and_tensors_have_the_same_pixels_with_one_camera_or_many() -> None:
+    points = torch.randn(3, 21, 3, dtype=torch.float64) * 0.1 + torch.tensor([0.0, 0.0, 0.6])
+    cameras = torch.tensor([[500.0, 3, 110], [0, 480, 120], [0, 0, 1]]).double().expand(3, 3, 3)
+    expected = project(points, cameras).numpy()
+    many = project_array(points.numpy(), cameras.numpy())
+    one = project_array(points.numpy(), cameras[0].numpy())
+    np.testing.assert_allclose(many, expected, rtol=1e-12)
+    np.testing.assert_allclose(one, expected, rtol=1e-12)

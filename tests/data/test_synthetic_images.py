@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.levels import DIFFICULTIES
@@ -151,13 +150,6 @@ def test_the_sky_is_visible_on_top_of_a_box_and_not_inside_it() -> None:
     outwards = np.array([[0.0, 0.0, 1.0]])
     assert sky_visibility(scene, np.array([[0.0, 0.0, 0.0101]]), outwards)[0] == 1
     assert sky_visibility(scene, np.zeros((1, 3)), outwards)[0] == 0
-
-
-def test_projection_agrees_with_a_hand_computed_pixel() -> None:
-    intrinsics = np.array([[100.0, 0, 30], [0, 200.0, 40], [0, 0, 1]])
-    np.testing.assert_allclose(
-        project_array(np.array([[0.1, -0.2, 0.5]]), intrinsics), [[50.0, -40.0]]
-    )
 
 
 def test_invalid_recipes_are_refused() -> None:

@@ -84,7 +84,9 @@ class SyntheticHands(Dataset[HandSample]):
             IndexError: The index is out of range.
         """
         if not 0 <= index < len(self):
-            raise IndexError(f"Image {index} of {len(self)} synthetic hands does not exist.")
+            raise IndexError(
+                f"There is no image {index} of {len(self)} synthetic hands; indices start at 0."
+            )
         labels = self._labels
         with_images = self.recipe.pictures
         return HandSample(

@@ -70,7 +70,7 @@ def _angles(
     """Joint angles of one row of the library."""
     if len(row) not in (5, 6):
         raise ValueError(
-            f"Gesture {name!r} has {len(row)} entries; expected five fingers and splays."
+            f"Gesture {name!r} has {len(row)} entries; expected five fingers, or five fingers and the splays."
         )
     degrees = np.zeros((15, 3))
     thumb = _looked_up(name, row[0], table["thumbs"], 4)

@@ -40,7 +40,7 @@ class Recipe:
         if self.crop_size < 16:
             raise ValueError(f"crop_size must be at least 16 pixels, found {self.crop_size}.")
         if self.seed < 0:
-            raise ValueError(f"The seed must not be negative, found {self.seed}.")
+            raise ValueError(f"The seed must be at least 0, found {self.seed}.")
 
     @property
     def clean_labels(self) -> bool:

@@ -84,7 +84,7 @@ def sample_unnatural_pose(random: np.random.Generator, kind: str | None = None) 
         ValueError: The kind is unknown.
     """
     if kind is not None and kind not in KINDS:
-        raise ValueError(f"Unknown kind of unnatural pose {kind!r}; known are {sorted(KINDS)}.")
+        raise ValueError(f"Unknown kind of unnatural pose {kind!r}; choose one of {sorted(KINDS)}.")
     chosen = kind or str(random.choice(sorted(KINDS)))
     finger = str(random.choice(FINGERS))
     angles = sample_pose(random)

@@ -69,7 +69,7 @@ def load_inert(data: bytes, names: Names, max_operations: int) -> dict[str, obje
 
 def _refused(what: str) -> RefusedPickleError:
     return RefusedPickleError(
-        f"is refused: the pickle {what}, which such a file never does. Nothing of it was run."
+        f"is refused: it {what}, which a pickle of arrays does not need. Nothing of it was run."
     )
 
 
