@@ -1,1 +1,1 @@
-"""Generic hand knowledge as differentiable losses (Sec. 3.2)."""
+"""The knowledge-encoded prior: generic hand knowledge as differentiable losses (Sec. 3.2)."""

@@ -1,7 +1,7 @@
-"""Functional anatomy: where one joint is decides how far another can go (Sec. 3.2, Eq. 2–3).
+"""Functional anatomy: ranges of motion that depend on the angles of other joints (Sec. 3.2, Eq. 2–3).
 
-Eq. 2–3 are rules from a pose to narrower ranges; Eq. 1 then takes those instead of the table's. The text
-and the authors' code differ, so there are variants; `docs/ranges.md` has them side by side.
+Eq. 2–3 are rules from a pose to narrower ranges, which Eq. 1 then uses in place of the table's. The text and
+the authors' code differ, so there are variants; `docs/ranges.md` has them side by side.
 """
 
 import math
@@ -16,19 +16,19 @@ from hand_recon.hand.skeleton import ARTICULATED, AXES
 from hand_recon.knowledge.ranges import RangeOfMotion
 
 Driver = Float[Tensor, "*batch joint"]
-"""Angles of the joints that a rule looks at, one axis, radians."""
+"""Angles of some joints about one axis, on which the ranges of another axis depend, radians."""
 
 VARIANTS: Final[tuple[str, ...]] = ("paper", "printed", "release")
-"""Eq. 2 as the text describes it, Eq. 2 to the letter, and the code released with the paper."""
+"""Readings of Eq. 2–3: the paper's text, the formula to the letter, and the authors' released code."""
 
 RELEASE_LIMIT: Final = math.radians(70)
-"""The released code closes splay linearly until every joint is flexed by this much."""
+"""Flexion at which the released code, linearly, leaves no splay, radians."""
 
 _BEND, _SPLAY = AXES.index("bend"), AXES.index("splay")
 _MCP, _PIP, _DIP = (
     [
-        place
-        for place, joint in enumerate(ARTICULATED)
+        index
+        for index, joint in enumerate(ARTICULATED)
         if joint.endswith(level) and not joint.startswith("thumb")
     ]
     for level in ("MCP", "PIP", "DIP")
@@ -38,7 +38,7 @@ _CMC: Final = [ARTICULATED.index("thumb CMC")]
 
 @dataclass(frozen=True)
 class FunctionalAnatomy:
-    """Which rules narrow the ranges, and in whose reading.
+    """The rules that narrow the ranges, and their variant.
 
     Raises:
         ValueError: The variant is unknown.
@@ -47,17 +47,17 @@ class FunctionalAnatomy:
     splay_by_bend: bool = True
     """Type (i), Eq. 2: the farther an MCP is bent, the less it can splay."""
     bend_by_splay: bool = False
-    """The reverse that the text asks for: the farther an MCP is splayed, the less it can bend. Off: it
-    forbids what `splay_by_bend` forbids, in degrees of bend, and costs accuracy (decision 24)."""
+    """The reverse, also in the text: the farther an MCP is splayed, the less it can bend. Off by default: it
+    forbids the same poses as `splay_by_bend`, measured in bend, and costs accuracy (decision 24)."""
     pip_by_dip: bool = True
     """Type (ii), Eq. 3: a PIP does not overstretch while its DIP is flexed."""
     thumb_cmc: bool = True
-    """Type (i) at the thumb, which only the released code has: the CMC flexed cannot abduct."""
+    """Type (i) at the thumb, in the released code only: a flexed CMC cannot abduct."""
     variant: str = "paper"
     """One of `VARIANTS`."""
 
     def __post_init__(self) -> None:
-        """Check what a configuration asks for."""
+        """Refuse an unknown variant."""
         if self.variant not in VARIANTS:
             raise ValueError(
                 f"Unknown variant of functional anatomy {self.variant!r}, expected one of {VARIANTS}."
@@ -66,10 +66,9 @@ class FunctionalAnatomy:
     def refine(
         self, ranges: RangeOfMotion, joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
     ) -> RangeOfMotion:
-        """The ranges that hold in a pose: one set per hand, never wider than the table's.
+        """The ranges of each pose: one set per hand, never wider than the table's.
 
-        The bounds are constants to the gradient. Else Eq. 1 could be reduced by bending a finger out of
-        the way of its own bounds.
+        The bounds have no gradient. Otherwise Eq. 1 could be reduced by a pose that widens its own bounds.
 
         Args:
             ranges: The table's bounds, one set for all hands or one per hand.
@@ -100,30 +99,30 @@ class FunctionalAnatomy:
         inside: Float[Tensor, "*batch joint=15 axis=3"],
         rule: tuple[list[int], int, int],
     ) -> None:
-        """Shrink the bounds of one axis of some joints by the room that another axis leaves them."""
+        """Scale the bounds of one axis of some joints by the shares that another axis leaves; in place."""
         joints, driver, driven = rule
-        rooms = self._rooms(
+        shares = self._remaining_shares(
             inside[..., joints, driver],
             base.lower[..., joints, driver],
             base.upper[..., joints, driver],
             thumb=joints == _CMC,
         )
         lower, upper = base.lower[..., joints, driven], base.upper[..., joints, driven]
-        # A table whose range does not contain zero keeps its order: the ends meet at the nearest bound.
-        refined.lower[..., joints, driven] = (lower * rooms[0]).clamp(lower, upper)
-        refined.upper[..., joints, driven] = (upper * rooms[1]).clamp(lower, upper)
+        # Clamped, so that a range without zero keeps lower ≤ upper: both ends go to the bound nearest zero.
+        refined.lower[..., joints, driven] = (lower * shares[0]).clamp(lower, upper)
+        refined.upper[..., joints, driven] = (upper * shares[1]).clamp(lower, upper)
 
-    def _rooms(
+    def _remaining_shares(
         self, angle: Driver, lower: Driver, upper: Driver, *, thumb: bool
     ) -> tuple[Driver, Driver]:
-        """What is left of the lower and of the upper bound of the other axis, from 0 to 1."""
+        """Remaining shares of the lower and the upper bound of the other axis, 0 to 1."""
         if self.variant == "release":
             left = 1 - angle.clamp(0, RELEASE_LIMIT) / RELEASE_LIMIT
             return left, left
-        left = 1 - _way_to_limit(angle, lower, upper)
+        left = 1 - _share_of_bound(angle, lower, upper)
         flexed = torch.where(angle > 0, left, 1)
         if thumb:
-            # A flexed thumb lies in the palm as readily as anywhere: only its abduction closes.
+            # A flexed thumb can still adduct into the palm, so only its abduction is limited.
             return torch.ones_like(left), flexed
         return (
             (left, left) if self.variant == "paper" else (torch.where(angle < 0, left, 1), flexed)
@@ -136,18 +135,18 @@ class FunctionalAnatomy:
         angles: Float[Tensor, "*batch joint=15 axis=3"],
     ) -> None:
         """Raise the lower bound of the PIPs to straight where the DIPs are flexed (Eq. 3)."""
-        # The released code asks the DIP's lower limit, not its angle; no table has that above zero.
-        asked = base.lower if self.variant == "release" else angles
-        flexed = asked[..., _DIP, _BEND] > 0
+        # The released code tests the DIP's lower bound, not its angle, and no table has that above zero.
+        driver = base.lower if self.variant == "release" else angles
+        flexed = driver[..., _DIP, _BEND] > 0
         lower, upper = base.lower[..., _PIP, _BEND], base.upper[..., _PIP, _BEND]
         straight = torch.zeros_like(lower).clamp(lower, upper)
         refined.lower[..., _PIP, _BEND] = torch.where(flexed, straight, lower)
 
 
-def _way_to_limit(angle: Driver, lower: Driver, upper: Driver) -> Driver:
-    """Where an angle is between zero and the limit on its side: 0 at zero, 1 at either limit.
+def _share_of_bound(angle: Driver, lower: Driver, upper: Driver) -> Driver:
+    """Angle as a share of the bound on its side of zero: 0 at zero, 1 at either bound.
 
-    An axis without freedom on one side cannot be on the way anywhere: zero there, not 0/0.
+    Zero where that bound is zero, in place of 0/0.
     """
     limit = torch.where(angle > 0, upper, lower)
     return angle / torch.where(limit == 0, 1, limit)

@@ -1,4 +1,4 @@
-"""How far every joint goes: the range-of-motion tables of the prior (Sec. 3.2, Eq. 1).
+"""Range-of-motion tables of the prior (Sec. 3.2, Eq. 1).
 
 A table is a YAML file: degrees, one row per joint and axis, and for each bound the source of its number.
 Two are shipped in `tables/`, `literature` (clinical measurements) and `paper_release` (the constants
@@ -18,15 +18,15 @@ from torch import Tensor
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 
 TABLES: Final = Path(__file__).parent / "tables"
-"""Where the shipped tables are."""
+"""Folder of the shipped tables."""
 
 REFERENCES: Final[tuple[str, ...]] = ("neutral", "template")
-"""What a table's angles are counted from: the anatomical neutral, or the hand model's rest pose."""
+"""Zero of a table's angles: the anatomical neutral, or the hand model's rest pose."""
 
 
 @dataclass(frozen=True)
 class RangeOfMotion:
-    """Bounds on every joint angle, from the anatomical neutral."""
+    """Bounds of every joint angle, from the anatomical neutral."""
 
     lower: Float[Tensor, "*batch joint=15 axis=3"]
     """Smallest bend, splay and twist, radians."""
@@ -42,7 +42,12 @@ class RangeOfMotion:
     def contains(
         self, joint_angles: Float[Tensor, "*batch joint=15 axis=3"], tolerance: float = 1e-6
     ) -> Tensor:
-        """Whether all angles of each hand are inside, within a tolerance in radians."""
+        """Mask of hands with all angles inside the ranges.
+
+        Args:
+            joint_angles: Bend, splay and twist of each joint, radians.
+            tolerance: Violation that still counts as inside, radians.
+        """
         inside = (joint_angles >= self.lower - tolerance) & (joint_angles <= self.upper + tolerance)
         return inside.flatten(-2).all(dim=-1)
 
@@ -80,7 +85,7 @@ def load_ranges(
 def _template(
     path: Path, table: dict[str, Any], rest_angles: Tensor | None
 ) -> Float[Tensor, "joint=15 axis=3"]:
-    """Where a table's zero lies: its own `template`, else the rest pose of the hand in use, radians."""
+    """Zero of a table, radians: its own `template`, or else the rest pose of the hand model."""
     if "template" in table:
         own = table["template"]
         rows = [[own.get(joint, {}).get(axis, 0.0) for axis in AXES] for joint in ARTICULATED]
@@ -94,7 +99,7 @@ def _template(
 
 
 def table_path(name_or_path: str) -> Path:
-    """Where a table is.
+    """Path of a table.
 
     Raises:
         FileNotFoundError: Neither a shipped table nor a file.
@@ -125,7 +130,7 @@ def _check_names(path: Path, rows: dict[str, dict[str, list[object]]]) -> None:
 
 
 def _bounds(path: Path, table: dict[str, Any], joint: str, axis: str) -> tuple[float, float]:
-    """One row, radians."""
+    """Lower and upper bound of one row, radians."""
     row = table["joints"][joint][axis]
     if len(row) not in (3, 4):
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The regressor: features, then error feedback to pose, shape, camera and σ (Sec. 3, 4.1)."""
+"""The regressor: iterative error feedback from features to pose, shape, camera and σ (Sec. 3, 4.1)."""
 
 from typing import Final
 
@@ -22,42 +22,41 @@ from hand_recon.uncertainty import soft_bound
 
 _SIZES: Final = {"joint_angles": 45, "root": 6, "camera": 3, "shape": 10, "log_sigma": 42}
 STATE_SIZE: Final = sum(_SIZES.values())
-"""Numbers that the regressor refines: 45 + 6 + 3 + 10 + 42, and 21 more with correlations."""
+"""Size of the state that the regressor refines: 45 + 6 + 3 + 10 + 42, plus 21 with correlations."""
 
 _LOG_SIGMA: Final = slice(STATE_SIZE - _SIZES["log_sigma"], STATE_SIZE)
-"""Where log σ stands in the state."""
+"""Position of log σ in the state."""
 
 _FED_BACK: Final = STATE_SIZE - _SIZES["log_sigma"]
-"""How much of the state a round sees: pose, root, camera and shape."""
+"""Size of the part of the state that is fed back: pose, root, camera and shape."""
 
 _FEEDBACK_UNIT: Final = 20.0
-"""Pixels of a 224-pixel crop: of the size of a first answer's errors."""
+"""Unit of the reprojection error, pixels of a 224-pixel crop; the size of the first round's errors."""
 
 _FEEDBACK_LIMIT: Final = 10.0
-"""An answer that is farther off is off; how far would only drown everything else."""
+"""Clip of the reprojection error in `_FEEDBACK_UNIT`s: ±200 px, so that outliers do not dominate."""
 
 
 class Regressor(nn.Module):
     """Features → pose, shape, camera and log σ by three rounds of error feedback (Sec. 4.1).
 
-    As in the authors' network, each round sees the features and its own last answer and predicts a correction
-    through two linear layers. Unlike there, log σ is not part of what is fed back: the squared error of the
-    first stage would use it as a memory, and leave values that no likelihood can start from
-    (decision 27). Where landmarks are the input, a round can also see
-    how far its last answer projects from them: error feedback in the words' first sense (Carreira et al.,
-    CVPR 2016), which an image does not allow.
+    As in the authors' network, each round sees the features and the last estimate and predicts a correction
+    through two linear layers. Unlike there, log σ is not fed back: in the squared-error stage, the network
+    would use it as memory, with values from which no likelihood can start (decision 27). With landmarks as
+    input, a round can also see the reprojection error of the last estimate, as in the original error
+    feedback (Carreira et al., CVPR 2016).
 
     Args:
         encoder: Features of the input.
-        hand: The hand model that turns the answer into a mesh.
+        hand: The hand model that turns parameters into a mesh.
         iterations: Rounds of feedback.
         width: Size of the two hidden layers.
         dropout: After each hidden layer.
         activation: Whether the hidden layers are non-linear; the authors' are not.
-        use_intrinsics: Place the hand in the camera that the batch knows, where it knows one, in
-            place of the constant focal length of Sec. 3.1.
-        reprojection: Show each round the projection error of the last one: for 2D landmarks as input.
-        correlated: Also predict how a landmark's two errors go together, for a full covariance.
+        use_intrinsics: Whether to use the batch's camera matrix, where it has one, in place of the constant
+            focal length of Sec. 3.1.
+        reprojection: Whether each round sees the reprojection error of the last one; for landmarks as input.
+        correlated: Whether to predict the correlation of each landmark's two coordinates (full covariance).
     """
 
     initial_state: Tensor
@@ -80,7 +79,7 @@ class Regressor(nn.Module):
         self.hand = hand
         self.iterations = iterations
         self.use_intrinsics = use_intrinsics
-        # Without its surface a hand is posed several times faster, and rounds need none.
+        # Rounds need landmarks only, and without its surface a hand is posed several times faster.
         self.skeleton = hand.landmarks_only() if reprojection else None
         self.sizes = _SIZES | ({"correlation": 21} if correlated else {})
         initial = _initial_state()
@@ -98,8 +97,8 @@ class Regressor(nn.Module):
             {name: nn.Linear(width, size) for name, size in self.sizes.items()}
         )
         for name, parameter in self.decoders.named_parameters():
-            # σ and its correlation stay at their start, the same for every hand, until a likelihood trains
-            # them: what an untrained σ drifts to would be noise at the switch.
+            # σ and its correlation keep their initial values, the same for every hand, until a likelihood
+            # trains them; otherwise their values at the switch would be noise.
             if name.endswith("weight") and not name.startswith(("log_sigma", "correlation")):
                 nn.init.xavier_uniform_(parameter, gain=0.01)
             else:
@@ -110,19 +109,22 @@ class Regressor(nn.Module):
         """Reconstruct the hand in each crop.
 
         Args:
-            batch: With its pictures as floats 0–1. Labels, where it has any, are looked at by an encoder
-                of landmarks alone.
+            batch: The batch, with images as floats 0–1. Labels are used by an encoder of landmarks only.
         """
         shown = self.encoder.shown(batch)
         features = self.encoder(shown)
-        # Rotations and projections lose their meaning in half precision, so only the backbone has it.
+        # Rotations and projections need full precision, so only the backbone uses mixed precision.
         with torch.autocast(device_type=features.device.type, enabled=False):
             state = self._feedback(features.float(), shown)
             return self._reconstruct(state, batch.crop_size, batch.intrinsics)
 
     @torch.no_grad()
     def shift_log_sigma(self, by: Float[Tensor, "landmark=21 2"]) -> None:
-        """Move where log σ starts from, and with it every prediction of it, before the bounds."""
+        """Shift the initial log σ, and with it every prediction of log σ before the bounds.
+
+        Args:
+            by: Shift of each coordinate's log σ.
+        """
         self.initial_state[_LOG_SIGMA] += by.flatten().to(self.initial_state)
 
     def _feedback(self, features: Tensor, shown: HandBatch) -> Tensor:
@@ -137,9 +139,9 @@ class Regressor(nn.Module):
         return state
 
     def _orthonormal(self, state: Tensor) -> Tensor:
-        """The same answer, with the two columns of its rotation orthonormal again.
+        """The same state with orthonormal columns of the rotation.
 
-        Their lengths mean nothing, and yet decide how far the next round's correction turns the hand
+        Their lengths do not change the rotation, but they scale the effect of the next round's correction
         (decision 49).
         """
         parts = self._parts(state)
@@ -149,7 +151,7 @@ class Regressor(nn.Module):
     def _reprojection_error(
         self, skeleton: HandModel, state: Tensor, shown: HandBatch
     ) -> Float[Tensor, "batch coordinate=42"]:
-        """Projection minus landmark, in units of `_FEEDBACK_UNIT`, zero where no landmark is shown."""
+        """Projection minus landmark, in `_FEEDBACK_UNIT`s, clipped; zero where no landmark is shown."""
         parameters, camera = self._placed(state, shown.crop_size, shown.intrinsics)
         error = project(skeleton.to_camera(parameters).landmarks, camera) - shown.landmarks_2d
         error = error.masked_fill(~shown.labelled[..., None], 0.0)
@@ -159,7 +161,7 @@ class Regressor(nn.Module):
     def _placed(
         self, state: Tensor, crop_size: int, intrinsics: Tensor | None
     ) -> tuple[HandParameters, Float[Tensor, "batch 3 3"]]:
-        """The hand that a state means, and the camera that sees it."""
+        """Hand parameters of a state, and the camera matrix that they belong to."""
         parts = self._parts(state)
         rotation = six_d_to_rotation(parts["root"])
         scale = bounded_log_scale(parts["camera"][..., :1])
@@ -195,7 +197,7 @@ class Regressor(nn.Module):
 
 
 def _initial_state() -> Float[Tensor, " state"]:
-    """Where the feedback starts: a slightly bent hand, upright, that fills two thirds of the crop.
+    """Initial state: a slightly bent hand, upright, that fills two thirds of the crop.
 
     The authors' starting values are not public; these follow from the camera (decision 6).
     """

@@ -1,4 +1,4 @@
-"""Features of images by a torchvision backbone (Sec. 4.1)."""
+"""Features of images from a torchvision backbone (Sec. 4.1)."""
 
 from pathlib import Path
 from typing import Final
@@ -20,14 +20,13 @@ _STANDARD_DEVIATION: Final = (0.229, 0.224, 0.225)
 
 
 class ImageEncoder(Encoder):
-    """A torchvision backbone, its classifier removed.
+    """A torchvision backbone without its classifier.
 
     Args:
         backbone: One of `BACKBONES`.
         weights: `imagenet`, `none`, or the path of a state dict in torchvision's layout.
-        grid: The features are averaged over a grid of this many cells per side. 1 is the paper's
-            average pool; 2 or more keeps where things are, which a small network trained from
-            scratch needs (decision 19).
+        grid: Cells per side of the grid over which features are averaged. 1 is the paper's average pool; 2 or
+            more keep spatial information, which a small network trained from scratch needs (decision 19).
 
     Raises:
         ValueError: The backbone is unknown.
@@ -54,7 +53,7 @@ class ImageEncoder(Encoder):
             layers = [network.features]
             channels = int(network.features[-1].out_channels)
         self.layers = nn.Sequential(*layers)
-        # Channels last: the order in which convolutions are fastest, on CPUs by a third.
+        # Convolutions are fastest with channels last, on CPUs by a third.
         self.layers.to(memory_format=torch.channels_last)
         self.pool = nn.AdaptiveAvgPool2d(grid)
         self.feature_size = channels * grid * grid
@@ -64,15 +63,15 @@ class ImageEncoder(Encoder):
         )
 
     def forward(self, batch: HandBatch) -> Float[Tensor, "batch feature"]:
-        """Features of the pictures, as floats 0–1; nothing else of the batch is looked at.
+        """Features of the batch's images, floats 0–1; nothing else of the batch is used.
 
         Raises:
-            ValueError: There are no pictures.
+            ValueError: There are no images.
         """
         if not batch.image.numel():
             raise ValueError(
-                "This model looks at pictures, and these data have landmarks alone. Use model=lifter with "
-                "them, or data with pictures."
+                "This model needs images, and these data have landmarks alone. Use model=lifter with "
+                "them, or data with images."
             )
         normalised = (batch.image - self.mean) / self.standard_deviation
         normalised = normalised.contiguous(memory_format=torch.channels_last)

@@ -1,8 +1,7 @@
-"""The data term: how far the projected landmarks may lie from their labels (Sec. 3.3, Eq. 6-7).
+"""Data terms: losses on the residuals of the projected landmarks (Sec. 3.3, Eq. 6-7).
 
-`likelihoods` has the equations, `bounds` keeps σ in a range that means something, `data_term` makes
-one value per hand of them, `staged` is the paper's schedule: squared error first, then the
-likelihood (Sec. 4.1).
+`likelihoods` has the equations, `bounds` keeps σ in a meaningful range, `data_term` reduces both to one value
+per hand, and `staged` is the paper's schedule: squared error first, then the likelihood (Sec. 4.1).
 """
 
 from hand_recon.uncertainty.bounds import soft_bound

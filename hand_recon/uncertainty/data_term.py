@@ -1,7 +1,7 @@
-"""One value per hand from residuals and σ: the squared error, Eq. 7 and its relatives (Sec. 3.3).
+"""Data terms, one value per hand from residuals and σ: the squared error, Eq. 7 and variants (Sec. 3.3).
 
-A term is a sum over 42 coordinates in pixels of a 224-pixel crop: only so do the weights of the
-prior mean what they do in the paper (decision 7).
+A term is a sum over 42 coordinates in pixels of a 224-pixel crop, because the paper's weights of the prior
+are relative to that (decision 7).
 """
 
 import math
@@ -16,28 +16,28 @@ from hand_recon.uncertainty import likelihoods
 from hand_recon.uncertainty.bounds import soft_clamp
 
 SAFE_LOG_SIGMA: Final = 10.0
-"""Up to ± this, log σ is taken as it is; beyond, its exponential would soon leave single precision."""
+"""Largest |log σ| that is left unchanged; the exponential of much more would overflow single precision."""
 
 SAFE_CORRELATION: Final = 0.995
-"""Up to ± this, a correlation is taken as it is; at ±1 a covariance has no inverse."""
+"""Largest |correlation| that is left unchanged; at ±1 a covariance has no inverse."""
 
 NEUTRAL_SIGMA: Final = math.sqrt(0.5)
-"""Pixels: the σ for which 1 / (2σ²) is one."""
+"""σ for which 1 / (2σ²) is one, pixels."""
 
 
 class DataTerm(nn.Module, ABC):
-    """What training asks of every data term, whether or not it changes during a run."""
+    """Base class of data terms, with or without stages."""
 
     needs_correlation: bool = False
     """Whether a correlation of each landmark's two coordinates must be predicted."""
     learns_sigma: bool = False
-    """Whether the predicted σ means something in the end."""
+    """Whether σ is trained, so that it can be scored at the end of a run."""
     stages: int = 1
-    """How many losses it has, one after the other."""
+    """Number of losses that follow each other during a run."""
 
     @property
     def stage(self) -> int:
-        """Which of the losses is at work, from 0."""
+        """Index of the current loss, from 0."""
         return 0
 
     def forward(
@@ -58,10 +58,10 @@ class DataTerm(nn.Module, ABC):
         Raises:
             ValueError: The term needs a correlation, and there is none.
         """
-        # Masked before any arithmetic: a gradient of NaN stays NaN even times zero.
+        # Masked before any arithmetic, because a gradient of NaN stays NaN even times zero.
         residual = residual.masked_fill(~labelled[..., None], 0.0)
         log_sigma = soft_clamp(log_sigma, -SAFE_LOG_SIGMA - 1, SAFE_LOG_SIGMA + 1, margin=1.0)
-        # And masked after it: log σ of a landmark without label is not to be made small.
+        # Masked again after it, so that the likelihood does not shrink log σ of landmarks without label.
         cost = self.cost(residual, log_sigma, correlation).masked_fill(~labelled, 0.0)
         # A hand with half its labels counts as much as one with all, so λ's keep their meaning.
         share = labelled.sum(dim=-1).clamp(min=1) / labelled.shape[-1]
@@ -74,15 +74,24 @@ class DataTerm(nn.Module, ABC):
         log_sigma: Float[Tensor, "*batch landmark=21 2"],
         correlation: Float[Tensor, "*batch landmark=21"] | None,
     ) -> Float[Tensor, "*batch landmark=21"]:
-        """The two coordinates of each landmark together, from finite numbers."""
+        """Cost of each landmark, both coordinates together; all inputs are finite.
+
+        Args:
+            residual: Projection minus label, pixels of a 224-pixel crop; zero where unlabelled.
+            log_sigma: Logarithm of the standard deviation of each coordinate.
+            correlation: Correlation of each landmark's two coordinates, −1 to 1, where one is predicted.
+        """
 
     def begin(self, *, step: int, epoch: int, total_steps: int) -> bool:
-        """To be called before every training step; true if this very call changes the loss.
+        """Change the loss if its time has come; called before every training step.
 
         Args:
             step: Optimizer steps that the run has made.
             epoch: Epochs that it has finished.
             total_steps: Optimizer steps that it will have made at its end.
+
+        Returns:
+            True if this call changed the loss.
         """
         return False
 
@@ -91,7 +100,7 @@ class DataTerm(nn.Module, ABC):
         residual: Float[Tensor, "*batch landmark=21 2"],
         labelled: Bool[Tensor, "*batch landmark=21"],
     ) -> None:
-        """To be called with every training step's residuals, for what depends on how large they are.
+        """Record the residuals of a training step, for losses that depend on their size.
 
         Args:
             residual: Projection minus label, pixels of a 224-pixel crop; anything where unlabelled.
@@ -102,7 +111,7 @@ class DataTerm(nn.Module, ABC):
         """Logarithm of the running root mean square of each coordinate's residual, pixels.
 
         Raises:
-            RuntimeError: The term has one stage, and so keeps no account of residuals.
+            RuntimeError: The term has one stage and records no residuals.
         """
         raise RuntimeError(
             f"{type(self).__name__} has a single stage and keeps no running residual. Ask only when "
@@ -110,13 +119,13 @@ class DataTerm(nn.Module, ABC):
         )
 
     def start(self, log_sigma: Float[Tensor, "landmark=21 2"]) -> None:
-        """Told, when its stage begins, how large the residuals then are: log of their RMS, pixels."""
+        """Called when the stage begins, with the log RMS residuals, pixels."""
 
     def balance(self, variance: float) -> float:
-        """What this term must be multiplied by to pull as hard as the squared error does.
+        """Factor that gives this term's gradient the size of the squared error's.
 
         Args:
-            variance: Mean square of the residuals, square pixels, which σ² has learnt to be.
+            variance: Mean square of the residuals, square pixels; σ² is assumed to equal it.
         """
         return 2 * variance
 
@@ -130,19 +139,19 @@ class SquaredError(DataTerm):
         log_sigma: Float[Tensor, "*batch landmark=21 2"],
         correlation: Float[Tensor, "*batch landmark=21"] | None,
     ) -> Float[Tensor, "*batch landmark=21"]:
-        """Square pixels; σ plays no part."""
+        """Square pixels; σ is not used."""
         return residual.square().sum(dim=-1)
 
 
 class RescaledSquaredError(DataTerm):
-    """The squared error times 1 / (2σ̄²), with one σ̄ for all.
+    """The squared error times 1 / (2σ̄²), with one σ̄ for all coordinates.
 
-    Eq. 7 does two things at once: it weighs landmarks by their σ, and it makes the data term lighter
-    against the prior. This does the second only, so that an ablation can tell them apart.
+    Eq. 7 weighs landmarks by their σ and also reduces the data term against the prior. This term does only
+    the latter, so that an ablation can separate the two effects.
 
     Args:
-        sigma: σ̄, pixels of a 224-pixel crop. As the second stage of `Staged` it is replaced by the
-            RMS of the residuals at the switch; as it is given by default, nothing is rescaled.
+        sigma: σ̄, pixels of a 224-pixel crop; the default rescales nothing. As the second stage of `Staged`,
+            it is replaced by the RMS of the residuals at the switch.
 
     Raises:
         ValueError: σ̄ is not positive.
@@ -153,7 +162,7 @@ class RescaledSquaredError(DataTerm):
     def __init__(self, sigma: float = NEUTRAL_SIGMA) -> None:
         super().__init__()
         if not sigma > 0:
-            raise ValueError(f"A standard deviation is positive, found sigma={sigma} pixels.")
+            raise ValueError(f"A standard deviation must be positive, found sigma={sigma} pixels.")
         self.register_buffer("sigma", torch.tensor(sigma))
 
     def cost(
@@ -162,19 +171,19 @@ class RescaledSquaredError(DataTerm):
         log_sigma: Float[Tensor, "*batch landmark=21 2"],
         correlation: Float[Tensor, "*batch landmark=21"] | None,
     ) -> Float[Tensor, "*batch landmark=21"]:
-        """Square standard deviations, halved; the predicted σ plays no part."""
+        """Half the squared residual in units of σ̄; the predicted σ is not used."""
         return residual.square().sum(dim=-1) / (2 * self.sigma.square())
 
     def start(self, log_sigma: Float[Tensor, "landmark=21 2"]) -> None:
-        """Take the RMS over all coordinates, the σ̄ that Eq. 7 would choose if it had but one."""
+        """Set σ̄ to the RMS over all coordinates, where Eq. 7 with a single σ has its minimum."""
         self.sigma.copy_(torch.exp(2 * log_sigma).mean().sqrt())
 
 
 class NegativeLogLikelihood(DataTerm):
-    """Eq. 7, or β-NLL, which learns badly predicted landmarks faster (Seitzer et al., ICLR 2022).
+    """Eq. 7, or β-NLL, which trains badly predicted landmarks faster (Seitzer et al., ICLR 2022).
 
     Args:
-        beta: 0 for Eq. 7; 1 for means that learn as from the squared error.
+        beta: 0 for Eq. 7; 1 for the gradient of half the squared error on the means.
 
     Raises:
         ValueError: β is not between 0 and 1.
@@ -200,12 +209,12 @@ class NegativeLogLikelihood(DataTerm):
         return likelihoods.beta_gaussian(residual, log_sigma, self.beta).sum(dim=-1)
 
     def balance(self, variance: float) -> float:
-        """2σ^(2−2β): a gradient of e σ^(2β) / σ² against 2e."""
+        """2σ^(2−2β), since the gradient is e σ^(2β) / σ² and the squared error's is 2e."""
         return float(2 * variance ** (1 - self.beta))
 
 
 class LaplaceLikelihood(DataTerm):
-    """A Laplace distribution in place of Eq. 6's Gaussian: a wrong label pulls with bounded force."""
+    """A Laplace distribution in place of Eq. 6's Gaussian, which bounds the gradient of wrong labels."""
 
     learns_sigma = True
 
@@ -219,7 +228,7 @@ class LaplaceLikelihood(DataTerm):
         return likelihoods.laplace(residual, log_sigma).sum(dim=-1)
 
     def balance(self, variance: float) -> float:
-        """2σ²/√π: the mean size of the gradient, √2/σ against 2|e|, for residuals that are Gaussian."""
+        """2σ²/√π: ratio of the mean gradient sizes, 2|e| and √2/σ, for Gaussian residuals."""
         return 2 * variance / math.sqrt(math.pi)
 
 
@@ -242,7 +251,7 @@ class FullCovariance(DataTerm):
                 "predicted. Give the regressor one (model.correlated=true), or use data_term=nll."
             )
         beyond = 1 - SAFE_CORRELATION
-        # Half of what is left up to one, so that the bound itself is no singularity.
+        # The bound is halfway between the safe correlation and one, where the inverse does not exist.
         limit = SAFE_CORRELATION + beyond / 2
         correlation = soft_clamp(correlation, -limit, limit, margin=beyond / 2)
         return likelihoods.full_gaussian(residual, log_sigma, correlation)

@@ -1,8 +1,7 @@
-"""How unlikely a residual is, by coordinate or by landmark, without reduction (Sec. 3.3, Eq. 7).
+"""Negative log-likelihoods of residuals, per coordinate or per landmark, without reduction (Sec. 3.3, Eq. 7).
 
-As in Eq. 7, constants are left out: what is missing to a negative log-density is ½ log 2π per
-coordinate of a Gaussian and ½ log 2 per coordinate of a Laplace distribution. σ is a standard
-deviation in all of them, so that one predicted σ means the same under each.
+As in Eq. 7, constants are left out: ½ log 2π per coordinate of a Gaussian and ½ log 2 per coordinate of a
+Laplace distribution. σ is a standard deviation in all of them, so a predicted σ means the same under each.
 """
 
 import math
@@ -27,9 +26,9 @@ def gaussian(
 def beta_gaussian(
     residual: Float[Tensor, "*any"], log_sigma: Float[Tensor, "*any"], beta: float
 ) -> Float[Tensor, "*any"]:
-    """Eq. 7 times σ^2β, through which no gradient flows (Seitzer et al., ICLR 2022).
+    """β-NLL: Eq. 7 times σ^2β, where σ^2β has no gradient (Seitzer et al., ICLR 2022).
 
-    With β = 0 it is Eq. 7; with β = 1 the mean is pulled as by half the squared error, whatever σ.
+    β = 0 is Eq. 7. With β = 1, the gradient on the mean is that of half the squared error, whatever σ is.
 
     Args:
         residual: e, any unit.
@@ -42,9 +41,9 @@ def beta_gaussian(
 def laplace(
     residual: Float[Tensor, "*any"], log_sigma: Float[Tensor, "*any"]
 ) -> Float[Tensor, "*any"]:
-    """Log σ + √2 |e| / σ: a Laplace distribution whose scale b is σ / √2 (log 2b + |e| / b).
+    """Log σ + √2 |e| / σ: a Laplace distribution of scale b = σ / √2 (log 2b + |e| / b).
 
-    A far outlier pulls no harder than a near one.
+    The gradient on the mean does not grow with the residual, so outliers have a bounded influence.
 
     Args:
         residual: e, any unit.
@@ -58,7 +57,7 @@ def full_gaussian(
     log_sigma: Float[Tensor, "*any 2"],
     correlation: Float[Tensor, "*any"],
 ) -> Float[Tensor, "*any"]:
-    """½ log det Σ + ½ eᵀ Σ⁻¹ e for a 2 × 2 covariance: errors behind an occluder have a direction.
+    """½ log det Σ + ½ eᵀ Σ⁻¹ e for a 2 × 2 covariance, since errors behind an occluder have a direction.
 
     Args:
         residual: e, any unit.
@@ -70,7 +69,7 @@ def full_gaussian(
     """
     standardised = residual * torch.exp(-log_sigma)
     along, across = standardised.sum(dim=-1), standardised[..., 0] - standardised[..., 1]
-    # The same as (u² − 2ρuv + v²) / (1 − ρ²), but a sum of squares, which cannot cancel below zero.
+    # Equal to (u² − 2ρuv + v²) / (1 − ρ²), but as a sum of squares it cannot become negative by rounding.
     distance = 0.5 * (along.square() / (1 + correlation) + across.square() / (1 - correlation))
     log_determinant = torch.log1p(-correlation.square())
     return log_sigma.sum(dim=-1) + 0.5 * (log_determinant + distance)

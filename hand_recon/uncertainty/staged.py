@@ -1,9 +1,8 @@
 """The schedule of the data term: the squared error first, then the likelihood (Sec. 4.1).
 
-The paper says "for faster convergence" and not when. At the switch every σ should start at what the
-residuals then are: a gradient of 2e becomes e / σ², so that the data term keeps exactly 1 / (2σ²) of
-its weight against the prior (all of it with `keep_balance`), and neither explodes nor dies for a σ that
-nobody has trained yet.
+The paper gives the reason, "for faster convergence", but not the time of the switch. At the switch, σ should
+start at the RMS residual: a gradient of 2e becomes e / σ², so the data term keeps 1 / (2σ²) of its weight
+against the prior (all of it with `keep_balance`). An untrained σ would make it explode or vanish.
 """
 
 import math
@@ -17,17 +16,17 @@ from hand_recon.uncertainty.bounds import LOWEST_SIGMA
 from hand_recon.uncertainty.data_term import DataTerm
 
 RUNNING_DECAY: Final = 0.99
-"""What a step leaves of the account of earlier residuals: it remembers about a hundred steps."""
+"""EMA decay per step; the running residual covers about a hundred steps."""
 
 UNKNOWN_LOG_SIGMA: Final = 1.5
-"""log σ before any residual was seen: 4.5 px, where the regressor's σ starts, too."""
+"""log σ before any residual was seen: 4.5 px, the initial σ of the regressor."""
 
 UNITS: Final = ("share", "epoch", "step")
-"""What the time of the switch can be counted in."""
+"""Units of the time of the switch."""
 
 
 class RunningResidual(nn.Module):
-    """Exponential running mean of the squared residual of each coordinate, labelled ones only."""
+    """Exponential moving average of the squared residual of each labelled coordinate."""
 
     squares: Tensor
     counts: Tensor
@@ -43,9 +42,14 @@ class RunningResidual(nn.Module):
         residual: Float[Tensor, "*batch landmark=21 2"],
         labelled: Bool[Tensor, "*batch landmark=21"],
     ) -> None:
-        """Add a step's residuals, pixels; anything where unlabelled."""
+        """Add the residuals of a step.
+
+        Args:
+            residual: Projection minus label, pixels; anything where unlabelled.
+            labelled: Landmarks that have a label.
+        """
         squared = residual.masked_fill(~labelled[..., None], 0.0).square()
-        # Sum and count fade alike, so that neither the start nor a rare label biases the mean.
+        # Sum and count decay alike, so that neither the start nor rare labels bias the mean.
         self.squares.mul_(RUNNING_DECAY).add_(squared.reshape(-1, 21, 2).sum(dim=0))
         self.counts.mul_(RUNNING_DECAY).add_(labelled.reshape(-1, 21).sum(dim=0))
 
@@ -63,23 +67,23 @@ class RunningResidual(nn.Module):
 
 
 class Staged(DataTerm):
-    """One data term up to a point of the run, another from there on.
+    """Two data terms, one before and one after a switch during the run.
 
-    Which of them is at work and how large the residuals are is part of the state: a run that goes on
-    goes on right, and a loaded checkpoint is judged by the loss it was trained with.
+    The current stage and the running residuals are part of the state, so a resumed run continues exactly and
+    a loaded checkpoint has the loss that it was trained with.
 
     Args:
-        first: Until the switch; the squared error in the paper.
-        second: From the switch on; Eq. 7 in the paper.
-        switch_at: When, in `unit`s; it must leave the first stage a step at least.
+        first: Data term before the switch; the squared error in the paper.
+        second: Data term after the switch; Eq. 7 in the paper.
+        switch_at: Time of the switch, in `unit`s; above zero.
         unit: `share` of the run's steps (below one), or a number of finished `epoch`s or of `step`s.
-        keep_balance: Multiply the second stage by what makes up for its smaller pull, 2σ̄² for Eq. 7, σ̄
-            being the RMS of the residuals at the switch: the likelihood then weighs landmarks against
-            each other as Eq. 7 does, and all of them together against the prior as the first stage did.
-            Without, it is Eq. 7 to the letter, and the prior gains by 2σ̄² (decision 29).
+        keep_balance: Whether to multiply the second stage by the ratio of the gradients, 2σ̄² for Eq. 7, where
+            σ̄ is the RMS of the residuals at the switch. Landmarks are then weighted against each other as in
+            Eq. 7, and all of them against the prior as in the first stage. Without it, the second stage is
+            Eq. 7 to the letter, and the prior's relative weight grows by 2σ̄² (decision 29).
 
     Raises:
-        ValueError: The unit is unknown, or the time leaves no first stage or is no share.
+        ValueError: The unit is unknown, or the time leaves no first stage or no second one.
     """
 
     stages = 2
@@ -114,12 +118,15 @@ class Staged(DataTerm):
         return int(self.switched)
 
     def begin(self, *, step: int, epoch: int, total_steps: int) -> bool:
-        """To be called before every training step; true once, if this very call makes the switch.
+        """Switch to the second stage if its time has come; called before every training step.
 
         Args:
             step: Optimizer steps that the run has made.
             epoch: Epochs that it has finished.
             total_steps: Optimizer steps that it will have made at its end.
+
+        Returns:
+            True if this call made the switch, once in a run.
 
         Raises:
             ValueError: The switch is at a share of a run without a known end.
@@ -138,7 +145,7 @@ class Staged(DataTerm):
         residual: Float[Tensor, "*batch landmark=21 2"],
         labelled: Bool[Tensor, "*batch landmark=21"],
     ) -> None:
-        """Keep account of the residuals.
+        """Add the residuals of a training step to the running mean.
 
         Args:
             residual: Projection minus label, pixels of a 224-pixel crop; anything where unlabelled.
@@ -156,7 +163,7 @@ class Staged(DataTerm):
         log_sigma: Float[Tensor, "*batch landmark=21 2"],
         correlation: Float[Tensor, "*batch landmark=21"] | None,
     ) -> Float[Tensor, "*batch landmark=21"]:
-        """What the term that is at work says."""
+        """Cost of each landmark by the term of the current stage."""
         if self.stage == 0:
             return self.first.cost(residual, log_sigma, correlation)
         return self.factor * self.second.cost(residual, log_sigma, correlation)
@@ -172,7 +179,7 @@ class Staged(DataTerm):
                 f"(total_steps={total_steps}). Give it one (trainer.max_epochs or max_steps), or say "
                 "data_term.unit=epoch or step."
             )
-        # 0.07 · 100 is a little more than 7 in binary; the seventh step is meant.
+        # In binary, 0.07 · 100 is slightly more than 7, and without rounding the eighth step would be meant.
         return step >= math.ceil(round(self.switch_at * total_steps, 6))
 
 
