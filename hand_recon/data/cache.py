@@ -41,7 +41,7 @@ def _content(part: object) -> tuple[str, bytes | memoryview]:
     if not isinstance(part, np.ndarray):
         return "repr", repr(part).encode()
     if part.dtype.hasobject:
-        raise TypeError("An array of objects has no content to tell it by; give a list instead.")
+        raise TypeError("The content of an array of objects cannot be hashed; give a list instead.")
     flat = np.ascontiguousarray(part).reshape(-1).view(np.uint8)
     return f"array {part.dtype.str} {part.shape}", flat.data
 

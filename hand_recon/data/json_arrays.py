@@ -68,7 +68,7 @@ def parse_json_array(path: Path) -> np.ndarray:
     except ValueError as error:
         raise ValueError(
             f"{path} is not a complete JSON list of equal arrays of numbers ({error}). It may be "
-            "cut off: unpack it again, or mend what wrote it."
+            "cut off: unpack it again, or correct the program that wrote it."
         ) from error
     return numbers.reshape(rows, *shape)
 

@@ -164,7 +164,7 @@ class MixtureDataModule(HandDataModule):
         self._check()
         scored = self.parts[self.score_on]
         self.landmarks = landmarks or scored.landmarks
-        self._warn_of_landmark_sets()
+        self._warn_about_landmark_sets()
         # Reported scores are those on this dataset.
         self.name = scored.name
         super().__init__(
@@ -231,7 +231,9 @@ class MixtureDataModule(HandDataModule):
                 "A mixture needs parts; conf/data/mixture.yaml shows how to name them."
             )
         if self.score_on not in self.parts:
-            raise ValueError(f"score_on={self.score_on} is none of the parts {sorted(self.parts)}.")
+            raise ValueError(
+                f"score_on={self.score_on} is not one of the parts {sorted(self.parts)}."
+            )
         weights = self.weights
         if weights is not None and weights.keys() != self.parts.keys():
             raise ValueError(
@@ -249,11 +251,11 @@ class MixtureDataModule(HandDataModule):
                 f"The parts' crops differ in size, {sizes}; set one crop_size for all of them."
             )
 
-    def _warn_of_landmark_sets(self) -> None:
+    def _warn_about_landmark_sets(self) -> None:
         for name, part in self.parts.items():
             if part.landmarks != self.landmarks:
                 logger.warning(
-                    "The labels of %s are where landmarks=%s has them, and the model learns landmarks=%s: "
-                    "on the open hand they differ by up to 14 mm at the MCPs. It learns a compromise.",
+                    "The labels of %s follow the landmark set %s, and the model learns the set %s: on the "
+                    "open hand they differ by up to 14 mm at the MCPs, so that it learns a compromise.",
                     name, part.landmarks, self.landmarks,
                 )  # fmt: skip

@@ -16,7 +16,7 @@ NONE = Augmentation(rotation=0, scale=0, shift=0, side_jitter=0, colour=0, brigh
 
 
 def make_batch(count: int = 4, seed: int = 0) -> HandBatch:
-    """Hands at half a metre before an off-centre camera, with exact labels."""
+    """Hands half a metre in front of an off-centre camera, with exact labels."""
     generator = torch.Generator().manual_seed(seed)
     landmarks = 0.05 * torch.randn(count, 21, 3, generator=generator) + torch.tensor([0, 0, 0.5])
     vertices = 0.05 * torch.randn(count, 30, 3, generator=generator) + torch.tensor([0, 0, 0.5])

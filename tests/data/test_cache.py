@@ -1,4 +1,4 @@
-"""A cache's name tells apart whatever the cache depends on, without printing it."""
+"""A cache's name differs for every difference in what it depends on."""
 
 import tracemalloc
 

@@ -1,4 +1,4 @@
-"""DexYCB's files become samples: labels, sides, ids, what is dropped and what is refused."""
+"""DexYCB's samples: labels, sides, ids, dropped frames and errors."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""What a `meta.yml` holds instead is said in a line, however long it would be."""
+"""Wrong content of a `meta.yml` is quoted in one line, however long it is."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from hand_recon.data.dexycb.files import SERIALS, read_intrinsics
 
 
 def test_a_yaml_list_of_aliases_is_not_written_out(tmp_path: Path) -> None:
-    """Eighteen levels of two: a quarter of a million entries in 400 bytes."""
+    """YAML aliases of eighteen levels: a quarter of a million entries in 400 bytes."""
     levels = ["- &a0 [1, 1]", *(f"- &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 18))]
     path = tmp_path / "calibration" / "intrinsics" / f"{SERIALS[0]}_640x480.yml"
     path.parent.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""DexYCB's setups: who is in which part, in which order, against the rules written out by hand."""
+"""DexYCB's setups: members and order of each part, against the rules written out by hand."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,7 +45,7 @@ def of_subjects(subjects: tuple[int, ...], frames: Callable[[int, int], int]) ->
 def slowly(
     key: tuple[str, str], frames: Callable[[int, int], int]
 ) -> list[tuple[int, int, int, int]]:
-    """Subject, sequence, camera and frame of every id, one after the other."""
+    """Subject, sequence, camera and frame of every id, in order."""
     subjects, belongs, cameras = RULES[key]
     return [
         (subject, index, camera, frame)

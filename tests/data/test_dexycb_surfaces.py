@@ -96,7 +96,7 @@ def test_both_conventions_agree_on_right_hands_and_not_on_left_ones(root: Path, 
 
 
 def test_the_conventions_differ_by_the_releases_left_shapes_alone(root: Path, mano: Path) -> None:
-    """With shape directions that are mirrored as they should be, they are the same."""
+    """With correctly mirrored shape directions, both conventions give the same."""
     data = DexYcb("test", recipe(root, mano))
     official = surfaces_of(data)
     mended = ManoPair(
@@ -155,7 +155,7 @@ def test_the_left_hand_is_needed_where_there_are_left_hands(mano: Path) -> None:
 def test_training_hands_in_this_projects_parameters_are_the_labelled_hands(
     root: Path, mano: Path
 ) -> None:
-    """A hand that is placed by them is the label's surface; left hands are the mirrored right one's."""
+    """The parameters give the label's surface; left hands give the mirrored right hand's."""
     data = DexYcbDataModule(
         root, crop=CropPolicy(32, "joints"), setup="s2", partial=True, label_workers=0, mano=mano,
         gt_mode="mirror_right",

@@ -1,4 +1,4 @@
-"""FreiHAND's labels through MANO: what is stored as 61 numbers is the hand that is stored as points."""
+"""FreiHAND's labels through MANO: the 61 stored parameters give the stored points."""
 
 from pathlib import Path
 
@@ -108,7 +108,7 @@ def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_images(
         assert mask is not None
         u, v = sample.landmarks_2d.numpy().astype(int).T
         assert (mask[v, u, 0] > 150).mean() > 0.8
-    # Gestures are natural: bent further than a hinge allows is nobody's finger.
+    # Gestures are natural: no finger is bent further than a hinge joint allows.
     bends = parameters.joint_angles[:, [4, 5, 7, 8, 10, 11, 13, 14], 0]
     assert bends.min() > -0.2
     assert bends.max() < 2.3

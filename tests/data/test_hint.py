@@ -1,4 +1,4 @@
-"""HInt: pairs of an image and a JSON file, hidden joints labelled, splits by the archive's folders."""
+"""HInt: pairs of an image and a JSON file, occluded joints labelled, splits by the archive's folders."""
 
 import json
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_the_archive_has_its_own_splits(tmp_path: Path) -> None:
     assert [len(read_hint(archive, split)) for split in ("train", "val")] == [14, 4]
     with pytest.raises(FileNotFoundError, match="No pair of an image and a JSON file of test"):
         read_hint(archive, "test")
-    # Validation is the archive's, and what it has no folder for is held out of training.
+    # Validation is the archive's; a split without a folder is held out of training.
     recipe = LandmarkRecipe(archive, val_fraction=0.15, crop=CropPolicy(16, "joints"))
     splits = LandmarkSplits(recipe)
     assert {split: len(splits.dataset(split)) for split in ("train", "val", "test")} == {
@@ -71,7 +71,7 @@ def test_a_name_without_a_side_needs_one(tmp_path: Path) -> None:
     folder = Dotted(tmp_path).as_hint()
     for suffix in (".png", ".json"):
         (folder / f"image1_l{suffix}").rename(folder / f"image1{suffix}")
-    with pytest.raises(ValueError, match="1 of 6 hands whether they are left or right"):
+    with pytest.raises(ValueError, match="gives no side for 1 of 6 hands"):
         read_hint(folder)
     assert read_hint(folder, assumed=Assumptions(side="right")).left.sum() == 2
 
@@ -80,7 +80,7 @@ def test_a_name_without_a_side_needs_one(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ('[{"keypoints": [', "not complete JSON"),
-        ([{"points": []}], "none of HInt's"),
+        ([{"points": []}], "not one of HInt's files"),
         ([{"keypoints": [[1, 2]] * 20, "bbox": [[1, 2, 3, 4]]}], "`keypoints` must be 21 × 2 numbers"),
         ([{"keypoints": [[1, 2]] * 21, "bbox": [[1, 2, 3]]}], "`bbox` must be 4 numbers"),
         ([{"keypoints": [[1, 2]] * 21, "bbox": [[1, 2, 3, 4]]}], "`occlusion` must be 21 numbers"),

@@ -1,4 +1,4 @@
-"""HO3D's loader gives back what its folder was written from."""
+"""HO3D's loader returns the hands that its folder was written from."""
 
 from dataclasses import replace
 from pathlib import Path

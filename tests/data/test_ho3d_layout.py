@@ -1,4 +1,4 @@
-"""The layout writer and the loader agree, and a run on what it wrote goes from end to end."""
+"""The layout writer and the loader agree, and a run on a written folder completes."""
 
 import json
 import pickle
@@ -63,7 +63,7 @@ def test_evaluation_metas_have_the_wrist_and_a_box_alone(root: Path) -> None:
 
 
 def test_the_loader_finds_the_hands_that_were_written(root: Path) -> None:
-    """Against the generator itself: the hand before any axis or order was changed."""
+    """The samples equal the generated hand, before axes and order were changed."""
     crop = CropPolicy(size=48, around="joints")
     data = Ho3d("test", Ho3dRecipe(root, crop=crop, test_crop=CropPolicy(48, "box")))
     focal = []
@@ -133,7 +133,7 @@ def test_an_ho3d_folder_trains_and_is_evaluated(root: Path, tmp_path: Path) -> N
         settings(cache, tmp_path / "again", f"ckpt={run}", "threads=1", name="evaluate")
     )
     assert again["test"] == pytest.approx(metrics["test"], rel=1e-6)
-    # Without the truth, the evaluation part is predicted and scored in nothing that needs a label.
+    # Without ground truth, the evaluation part is predicted, and no score needs a label.
     (root / "evaluation_xyz.json").unlink()
     blind = evaluate(
         settings(

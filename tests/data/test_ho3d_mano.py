@@ -1,4 +1,4 @@
-"""HO3D's MANO numbers give its surfaces and, for learnt priors, its poses."""
+"""HO3D's MANO parameters give its surfaces and, for learnt priors, its poses."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -88,7 +88,7 @@ def test_numbers_that_are_not_those_of_the_landmarks_are_refused(
     folder: Folder, mano: Path
 ) -> None:
     def mean_pose(meta: dict[str, Any]) -> None:
-        """What FreiHAND's convention would be: relative to a mean."""
+        """The pose in FreiHAND's convention, relative to a mean."""
         meta["handPose"] = meta["handPose"] + 0.2 * np.r_[np.zeros(3), np.ones(45)]
 
     for frame in folder.train:

@@ -1,4 +1,4 @@
-"""HO3D's pickles give their numbers, and nothing in them is ever run."""
+"""HO3D's pickles give their numbers, and no code in them is ever executed."""
 
 import contextlib
 import copyreg
@@ -45,7 +45,7 @@ def test_arrays_of_every_protocol_come_back(tmp_path: Path, protocol: int) -> No
 
 
 def test_what_python_2_wrote_is_read(tmp_path: Path) -> None:
-    """Strings of bytes, and numpy's names before it moved them."""
+    """Byte strings, and numpy's old module names."""
     content: dict[str, object] = {"handJoints3D": NUMBERS, "objName": "banana", "handBeta": None}
     path = tmp_path / "0000.pkl"
     path.write_bytes(b"\x80\x02" + opcodes(content) + b".")
@@ -82,7 +82,7 @@ def test_nothing_in_a_meta_is_run(tmp_path: Path, place: str) -> None:
     with pytest.raises(RefusedMetaError, match=r"0000\.pkl is refused: .* asks for posix\.mkdir"):
         read_meta(path)
     assert not marker.exists()
-    # The trap is a trap: the ordinary reader falls into it.
+    # The ordinary reader does execute it.
     pickle.loads(path.read_bytes())  # noqa: S301  # the test's own
     assert marker.exists()
 
@@ -103,7 +103,7 @@ def test_every_other_name_is_refused_by_name(tmp_path: Path, module: str, name: 
 
 
 def test_an_allowed_name_cannot_be_taken_for_its_attributes(tmp_path: Path) -> None:
-    """Protocol 4 asks for dotted names: `numpy.dtype.__new__` is none of the six."""
+    """Protocol 4 allows dotted names: `numpy.dtype.__new__` is not one of the six."""
     path = tmp_path / "0000.pkl"
     path.write_bytes(b"\x80\x04\x8c\x05numpy\x8c\x0ddtype.__new__\x93.")
     with pytest.raises(RefusedMetaError, match=r"numpy\.dtype\.__new__"):
@@ -170,7 +170,7 @@ WHOLE = pickle.dumps({"handJoints3D": NUMBERS, "camMat": np.eye(3)}, protocol=2)
 def test_damaged_files_are_named(
     tmp_path_factory: pytest.TempPathFactory, place: int, byte: int
 ) -> None:
-    """Cut off or with one byte changed: a refusal, or numbers, and no other error."""
+    """A file cut off or with one byte changed gives numbers or a refusal, and no other error."""
     folder = tmp_path_factory.mktemp("metas")
     cut, changed = folder / "cut.pkl", folder / "changed.pkl"
     cut.write_bytes(WHOLE[:place])

@@ -1,4 +1,4 @@
-"""HO3D folders that are incomplete, or not HO3D's: what is skipped aloud, and what is refused."""
+"""Incomplete or wrong HO3D folders: frames skipped with a warning, and errors."""
 
 import logging
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def recipe(folder: Folder, **fields: Any) -> Ho3dRecipe:  # noqa: ANN401  # any 
 def test_frames_without_annotation_are_skipped_aloud(
     folder: Folder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A frame that is in the list and whose meta has nothing but a camera."""
+    """A frame of the list whose meta has only a camera."""
     path = folder.root / "train.txt"
     path.write_text(path.read_text() + "MC1/0012\n")
     data = Ho3d("train", recipe(folder)).frames + Ho3d("val", recipe(folder)).frames
@@ -84,14 +84,17 @@ def test_a_damaged_meta_is_named_with_the_cure(folder: Folder, frame: str) -> No
 def test_another_order_of_landmarks_is_refused_by_name(folder: Folder, order: str) -> None:
     for frame in folder.train:
         change_landmarks(folder, frame, lambda a: a[list(landmark_permutation("ho3d", order))])
-    with pytest.raises(ValueError, match=rf"look to be in that of '{order}'"):
+    with pytest.raises(ValueError, match=rf"seem to be in that of '{order}'"):
         Ho3d("train", recipe(folder))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda a: a * FLIP, r"25 of 25 hands are behind .*OpenCV's axes \(z > 0\) already\?"),
+        (
+            lambda a: a * FLIP,
+            r"25 of 25 hands are behind .*OpenCV's axes \(z > 0\) already, multiply",
+        ),
         (lambda a: a * 1000, r"it is 105\.8 in the median, expected about 0\.1.*metres"),
     ],
 )

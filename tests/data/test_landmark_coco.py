@@ -1,4 +1,4 @@
-"""Landmark files in COCO's form, whoever wrote them."""
+"""Landmark files in COCO's form, in all its variants."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def test_coco_keypoints_come_with_their_images_and_sides(tmp_path: Path) -> None
     assert landmarks.left.tolist() == [True, False]
     assert landmarks.names == ("x/a.jpg", "annotation 2")
     assert landmarks.images == (tmp_path / "x/a.jpg", None)
-    # Whether a joint can be seen is no measure of how precise its label is.
+    # Visibility says nothing about the precision of a label.
     assert landmarks.confidence is None
 
 
@@ -83,7 +83,7 @@ def test_the_hands_of_a_whole_body_are_found_by_their_place(
     bodies[0, first : first + 21] = with_scores()[0]
     bodies[0, first + 21 : first + 42] = with_scores()[1]
     bodies[1, first + 21 : first + 42] = with_scores()[2]
-    # A hand that is not in the image is left out; the person's box is no hand's.
+    # A hand that is not in the image is left out; the person's box is not used.
     people = [
         {
             "image_id": "a.jpg", "bbox": [0, 0, 900, 900],

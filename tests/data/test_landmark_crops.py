@@ -1,4 +1,4 @@
-"""Mirrors and crops: what is fitted in a crop of a right hand is true in the image of a left one."""
+"""Mirrors and crops: a fit in the crop of a right hand, converted to the image of a left hand."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def hands_in_view(seed: int) -> torch.Tensor:
 
 
 def cameras(skew: float = 0.0) -> torch.Tensor:
-    """One unlike the other."""
+    """Different camera matrices."""
     matrices = torch.eye(3, dtype=torch.float64).repeat(HANDS, 1, 1)
     matrices[:, 0, 0] = torch.tensor([600.0, 900, 1400, 2000])
     matrices[:, 1, 1] = matrices[:, 0, 0] * 1.02
@@ -213,7 +213,7 @@ def test_an_expansion_that_shows_nothing_is_refused() -> None:
         to_crops(seen(0), 0.0)
 
 
-# --- and back -----------------------------------------------------------------------------------
+# --- back to the image -----------------------------------------------------------------------------------
 
 
 def found_in(crops: LandmarkCrops, hand: HandModel, seed: int) -> HandPrediction:

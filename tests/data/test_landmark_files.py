@@ -23,7 +23,7 @@ from tests.support.landmark_writing import (
     written,
 )
 
-# Outside the image too, but not all of them within ±2, which are no pixels.
+# Outside the image too, but not all of them within ±2, which would not be pixels.
 numbers = st.floats(-500, -3) | st.floats(3, 8000)
 points = st.none() | st.tuples(numbers, numbers).map(list)
 files_of_hands = st.lists(st.lists(points, min_size=21, max_size=21), min_size=1, max_size=4)
@@ -189,7 +189,7 @@ def test_what_is_hidden_is_used_only_where_every_hand_tells(
         {"landmarks": POINTS[1].tolist()},
     ]
     assert read_landmarks(written(tmp_path, hands)).occluded is None
-    assert "1 of 2 hands tell what is occluded" in caplog.text
+    assert "1 of 2 hands have `occluded`" in caplog.text
 
 
 def test_a_mirrored_hand_has_its_box_mirrored(tmp_path: Path) -> None:
@@ -203,7 +203,5 @@ def test_a_mirrored_hand_has_its_box_mirrored(tmp_path: Path) -> None:
 
 def test_hands_of_unknown_side_can_be_refused(tmp_path: Path) -> None:
     hands = [{"landmarks": POINTS[0].tolist(), "side": "left"}, {"landmarks": POINTS[1].tolist()}]
-    with pytest.raises(
-        ValueError, match=r"1 of 2 hands whether they are left or right.*data\.side"
-    ):
+    with pytest.raises(ValueError, match=r"gives no side for 1 of 2 hands.*data\.side"):
         read_landmarks(written(tmp_path, hands), assumed=Assumptions(side=None))

@@ -1,4 +1,4 @@
-"""Images with 2D landmarks alone as training data: what is cut out, and what is left out."""
+"""Images with 2D landmarks only as training data: the crops, and the hands that are left out."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ SIZE = 96
 
 
 def everything(path: Path, **recipe: Any) -> AnnotatedImages:  # noqa: ANN401
-    """All hands of a file: it validates, so that none is held out of it."""
+    """All hands of a file, read as validation data so that none is held out."""
     recipe = {"crop": CropPolicy(SIZE, "joints")} | recipe
     return LandmarkSplits(LandmarkRecipe(path, path, path, **recipe)).dataset("val")
 
@@ -77,7 +77,7 @@ def test_tiny_hands_and_those_of_few_landmarks_are_left_out_aloud(
         "image1.png", "image1.png", "image2.png", "image2.png",
     ]  # fmt: skip
     assert len(everything(dotted.root / "landmarks.json", min_side=0)) == 5
-    with pytest.raises(ValueError, match="none of 6 hands can be learnt from"):
+    with pytest.raises(ValueError, match="none of 6 hands can be trained on"):
         everything(dotted.root / "landmarks.json", min_side=500)
 
 
@@ -128,7 +128,7 @@ def test_a_side_that_no_file_tells_has_to_be_given(tmp_path: Path) -> None:
     dotted = Dotted(tmp_path)
     hands = [{key: hand[key] for key in ("landmarks", "image")} for hand in dotted.objects()]
     path = dotted.write(hands)
-    with pytest.raises(ValueError, match=r"6 of 6 hands whether they are left or right ones"):
+    with pytest.raises(ValueError, match=r"gives no side for 6 of 6 hands"):
         everything(path)
     assert everything(path, side="left")[0].mirrored
     assert not everything(path, side="right")[0].mirrored
@@ -164,7 +164,7 @@ def test_images_may_lie_elsewhere_and_must_be_named(tmp_path: Path) -> None:
 def test_landmarks_of_larger_images_are_refused(tmp_path: Path) -> None:
     dotted = Dotted(tmp_path)
     dotted.points *= 4
-    with pytest.raises(ValueError, match="6 of 6 hands that were looked at lie outside"):
+    with pytest.raises(ValueError, match="6 of 6 hands that were checked lie outside"):
         everything(dotted.as_json())
 
 

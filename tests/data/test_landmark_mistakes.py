@@ -1,4 +1,4 @@
-"""What is wrong with a landmark file is said."""
+"""Errors in landmark files are reported with their cause."""
 
 from pathlib import Path
 from typing import Any
@@ -46,8 +46,8 @@ def changed(hand: int, landmark: int, point: Any) -> list[Any]:  # noqa: ANN401
         ([{"landmarks": POINTS[0].tolist(), "confidence": [1.5] * 21}], r"outside \[0, 1\]"),
         ([{"landmarks": POINTS[0].tolist(), "sigma": [1.0] * 20}], "`sigma` must be a list of 21"),
         ([{"landmarks": POINTS[0].tolist(), "side": "both"}], "hand 0 has the side 'both'"),
-        ([{"points": POINTS[0].tolist()}], "entry 0 is no object with `landmarks`"),
-        ([{"landmarks": POINTS[0].tolist()}, POINTS[0].tolist()], "entry 1 is no object"),
+        ([{"points": POINTS[0].tolist()}], "entry 0 is not an object with `landmarks`"),
+        ([{"landmarks": POINTS[0].tolist()}, POINTS[0].tolist()], "entry 1 is not an object"),
         (
             [{"landmarks": POINTS[0].tolist(), "K": CAMERA}, {"landmarks": POINTS[1].tolist()}],
             "1 of 2 hands have a camera matrix, hand 1 has none",

@@ -44,7 +44,7 @@ def test_a_table_with_one_row_per_hand(tmp_path: Path, delimiter: str, third: st
 def test_a_table_with_one_row_per_landmark(tmp_path: Path, by_name: bool) -> None:
     rows: list[list[Any]] = [["hand", "landmark", "u", "v", "sigma", "side", "image"]]
     for hand in (1, 0):
-        # Backwards, and the wrist left out: neither order nor completeness is asked for.
+        # Reversed and without the wrist: neither order nor completeness is required.
         for landmark in range(20, 0, -1):
             called = LANDMARKS[landmark].upper() if by_name else landmark
             rows.append([f"no {hand}", called, *POINTS[hand, landmark], 3.5, "left", f"{hand}.png"])
@@ -88,7 +88,7 @@ def test_a_camera_that_is_given_goes_before_the_files(
     landmarks = read_landmarks(path, written(tmp_path, CAMERA, "K.json"))
     assert landmarks.intrinsics is not None
     assert landmarks.intrinsics.tolist() == [CAMERA]
-    assert "has cameras too" in caplog.text
+    assert "has camera matrices too" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_a_camera_that_is_given_goes_before_the_files(
         ({"camera": CAMERA}, "an object with the keys .*camera.*expected one with `K`"),
         ("[[900, 0", "not complete JSON"),
         ("900 900 640 480", "holds 4 numbers, expected nine per camera matrix"),
-        ("fx fy", "no text of numbers"),
+        ("fx fy", "not a text of numbers"),
     ],
 )
 def test_what_is_no_camera_is_refused(tmp_path: Path, content: Any, message: str) -> None:  # noqa: ANN401

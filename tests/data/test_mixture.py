@@ -1,4 +1,4 @@
-"""Mixtures: who comes how often, in an order that can be resumed, and what a mixed batch keeps."""
+"""Mixtures: share of each dataset, an order that can be resumed, and the fields of a mixed batch."""
 
 import logging
 from collections import Counter
@@ -47,7 +47,7 @@ def order(data: MixtureDataModule, epoch: int = 0) -> list[int]:
     return list(sampler)
 
 
-# --- who comes how often ------------------------------------------------------------------------
+# --- share of each dataset ------------------------------------------------------------------------
 
 
 def test_without_weights_every_hand_comes_once() -> None:
@@ -63,14 +63,14 @@ def test_weights_are_shares_of_an_epoch_and_a_small_part_comes_again() -> None:
     few = [counted[index] for index in range(80, 100)]
     # 75 of 20 hands: each three times, and 15 of them once more.
     assert sorted(few) == [3] * 5 + [4] * 15
-    # 25 of 80: nobody twice, and others in another epoch.
+    # 25 of 80: no hand twice, and others in another epoch.
     assert all(counted[index] <= 1 for index in range(80))
     other = Counter(order(data, epoch=1))
     assert {index for index in range(80) if counted[index]} != {i for i in range(80) if other[i]}
 
 
 def test_any_stretch_of_an_epoch_is_mixed_within_binomial_bounds() -> None:
-    """Shuffled, not one dataset after the other: four σ of a binomial for each tenth of an epoch."""
+    """The datasets are interleaved: four σ of a binomial for each tenth of an epoch."""
     sampler = WeightedShuffle([3000, 500], shares([0.7, 0.3], 2000), seed=1)
     drawn = torch.tensor(list(sampler))
     assert len(drawn) == len(sampler) == 2000
@@ -98,7 +98,7 @@ def test_shares_are_whole_near_their_weight_and_sum_to_the_epoch(
         assert abs(count - weight * total / sum(weights)) < 1 + 1e-6
 
 
-# --- in which order -----------------------------------------------------------------------------
+# --- order -----------------------------------------------------------------------------
 
 
 def test_the_order_follows_from_seed_and_epoch_alone() -> None:
@@ -112,7 +112,7 @@ def test_the_order_follows_from_seed_and_epoch_alone() -> None:
 
 
 def test_processes_share_an_epoch_and_follow_its_number() -> None:
-    """As Lightning deals the samples out: every second one, of the same order."""
+    """Two processes, as under Lightning: each takes every second sample of the same order."""
     whole = order(mixture(seed=5), epoch=1)
     dealt = []
     for rank in range(2):
@@ -138,7 +138,7 @@ def test_a_resumed_run_sees_the_epochs_that_it_would_have_seen(tmp_path: Path) -
     assert first != second
 
 
-# --- what a batch keeps -------------------------------------------------------------------------
+# --- fields of a batch -------------------------------------------------------------------------
 
 
 def test_hands_have_numbers_of_their_own_and_the_name_of_their_dataset() -> None:
@@ -216,7 +216,7 @@ def test_one_part_is_scored_the_first_if_none_is_named(tmp_path: Path) -> None:
     assert wild.train_parameters(5) is None
 
 
-# --- what is the mixture's, and what is refused ---------------------------------------------------
+# --- the mixture's own settings, and errors ---------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -246,16 +246,16 @@ def test_parts_with_another_landmark_set_are_named(caplog: pytest.LogCaptureFixt
     parts = {"one": numbered(4), "two": numbered(4)}
     parts["two"].landmarks = "mano"
     assert MixtureDataModule(parts).landmarks == "knuckle"
-    assert "The labels of two are where landmarks=mano has them" in caplog.text
+    assert "The labels of two follow the landmark set mano" in caplog.text
     caplog.clear()
     assert MixtureDataModule(parts, landmarks="mano").landmarks == "mano"
-    assert "The labels of one are where landmarks=knuckle" in caplog.text
+    assert "The labels of one follow the landmark set knuckle" in caplog.text
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"score_on": "all"}, r"score_on=all is none of the parts \['few', 'many'\]"),
+        ({"score_on": "all"}, r"score_on=all is not one of the parts \['few', 'many'\]"),
         ({"weights": {"many": 1.0}}, r"weights for \['many'\] and parts \['few', 'many'\]"),
         ({"weights": {"many": 1.0, "few": -1.0}}, "must not be negative"),
         ({"weights": {"many": 0.0, "few": 0.0}}, "one must be positive"),

@@ -1,4 +1,4 @@
-"""Crops with the fingers up: of one size, in the middle, exact in 3D, whatever is missing."""
+"""Upright crops: one size, centred, exact in 3D, with any landmarks missing."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,7 @@ BEYOND = [i for i in range(5, 21) if i not in KNUCKLES]
 
 @pytest.fixture
 def seen(hand: HandModel) -> HandBatch:
-    """Hands in any view, by long lenses and short ones whose axes are elsewhere."""
+    """Hands in any view, with long and short focal lengths and off-centre principal points."""
     batch = views(hand, known_hands(hand, 12))
     cameras = torch.eye(3).repeat(12, 1, 1)
     cameras[:, 0, 0] = cameras[:, 1, 1] = torch.linspace(300, 900, 12)
@@ -67,7 +67,7 @@ def test_the_landmarks_fill_seven_tenths_in_the_middle(seen: HandBatch, missing:
 def test_the_fingers_point_up(
     seen: HandBatch, missing: list[int], start: list[int], end: list[int]
 ) -> None:
-    """From the wrist to the knuckles that there are; without a wrist, from these to what is beyond."""
+    """From the wrist to the labelled MCPs; without a wrist, from these to the landmarks beyond."""
     landmarks = upright(without(seen, missing)).landmarks_2d
     ahead = landmarks[:, end].mean(dim=1) - landmarks[:, start].mean(dim=1)
     torch.testing.assert_close(ahead[:, 0], torch.zeros(12), atol=1e-3, rtol=0)
@@ -75,7 +75,7 @@ def test_the_fingers_point_up(
 
 
 def test_what_cannot_be_told_stays_as_it_was(seen: HandBatch) -> None:
-    """Without wrist and knuckles up stays up; without anything, nothing moves."""
+    """Without wrist and MCPs there is no rotation; without any landmark, no motion."""
     nameless = without(seen, [WRIST, *KNUCKLES])
     motion = upright_motion(nameless.landmarks_2d, nameless.labelled, 224)
     assert torch.equal(motion.camera, torch.eye(3).expand(12, 3, 3))
@@ -99,7 +99,7 @@ def test_the_moved_camera_sees_the_moved_hand_where_its_landmarks_are(seen: Hand
     assert moved.intrinsics is not None
     projected = project(moved.landmarks_3d, moved.intrinsics)
     torch.testing.assert_close(projected, moved.landmarks_2d, atol=5e-3, rtol=0)
-    # A roll, no mirror image: bones keep their lengths, and depths their values.
+    # A rotation without a flip: bones keep their lengths, and depths their values.
     motion = upright_motion(seen.landmarks_2d, seen.labelled, 224)
     assert_close(torch.linalg.det(motion.camera), torch.ones(12))
     assert seen.landmarks_3d is not None

@@ -206,7 +206,7 @@ def _check_landmarks(path: Path, landmarks: Float[np.ndarray, "hand landmark=21 
     """Refuse landmarks that cannot be hands in front of a camera, in metres."""
     _refuse(path, ~np.isfinite(landmarks).all(axis=(1, 2)), "landmarks that are not finite")
     behind = np.any(landmarks[..., 2] <= 0, axis=1)
-    _refuse(path, behind, "landmarks at z ≤ 0, behind the camera (OpenGL axes? turn y and z round)")
+    _refuse(path, behind, "landmarks at z ≤ 0, behind the camera (OpenGL axes? negate y and z)")
     phalanx = float(np.median(np.linalg.norm(landmarks[:, 9] - landmarks[:, 10], axis=-1)))
     if not 0.005 < phalanx < 0.15:
         raise ValueError(
@@ -244,5 +244,5 @@ def _refuse(path: Path, wrong: np.ndarray, what: str) -> None:
         first = ", ".join(str(index) for index in np.flatnonzero(wrong)[:5])
         raise ValueError(
             f"{path}: {int(wrong.sum())} of {len(wrong)} hands have {what}; the first are {first}. "
-            "Mend them or take them out of every list."
+            "Correct them or remove them from every list."
         )

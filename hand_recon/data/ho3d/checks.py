@@ -79,14 +79,14 @@ def _check_axes(
         return
     if np.median(landmarks[..., 2]) < 0:
         raise ValueError(
-            f"{path}: {int(behind.sum())} of {len(behind)} hands are behind the camera once y and z have "
-            "been turned round, as HO3D's OpenGL axes need. Are they in OpenCV's axes (z > 0) already? Then "
+            f"{path}: {int(behind.sum())} of {len(behind)} hands are behind the camera after y and z "
+            "were negated, as HO3D's OpenGL axes need. If they are in OpenCV's axes (z > 0) already, "
             "multiply y and z by −1: this loader expects HO3D's own."
         )
     first = ", ".join(names[row] for row in np.flatnonzero(behind)[:5])
     raise ValueError(
         f"{path}: {int(behind.sum())} of {len(behind)} hands have landmarks behind the camera; the first are "
-        f"{first}. Take them out of the list of frames."
+        f"{first}. Remove them from the list of frames."
     )
 
 
@@ -95,6 +95,7 @@ def _check_order(path: Path, landmarks: Float[np.ndarray, "frame landmark=21 3"]
     order = better_order(in_file, "ho3d")
     if order is not None:
         raise ValueError(
-            f"{path}: the landmarks are not in HO3D's order but look to be in that of {order!r}: in it, "
-            f"bones are shorter. Reorder them by landmarks[{list(landmark_permutation(order, 'ho3d'))}]."
+            f"{path}: the landmarks are not in HO3D's order but seem to be in that of {order!r}, "
+            "in which bones are shorter. Reorder them by "
+            f"landmarks[{list(landmark_permutation(order, 'ho3d'))}]."
         )

@@ -131,7 +131,7 @@ def _read_list(path: Path) -> tuple[str, ...]:
     for line in lines:
         if not re.fullmatch(r"\w[\w.-]*/\w+", line):
             raise ValueError(
-                f"{path}: {line!r} is no frame; expected one SEQ/0000 per line. Unpack it again."
+                f"{path}: {line!r} is not a frame; expected one SEQ/0000 per line. Unpack it again."
             )
     if len(set(lines)) != len(lines) or not lines:
         raise ValueError(

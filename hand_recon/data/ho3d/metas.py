@@ -21,7 +21,8 @@ MAX_OPERATIONS: Final = 2**17
 """Largest number of pickle instructions; HO3D's files have some hundreds."""
 
 _CURE: Final = (
-    "Unpack the archive again; if it stays, take the frame out of the list of ids in the .txt file."
+    "Unpack the archive again; if the error stays, remove the frame from the list of ids in the .txt "
+    "file."
 )
 
 

@@ -51,7 +51,7 @@ def to_camera_matrices(path: Path, values: object) -> Float[np.ndarray, "camera 
         values: Nested lists or an array.
 
     Raises:
-        ValueError: They have another shape, or are no camera matrices.
+        ValueError: They have another shape, or are not camera matrices.
     """
     try:
         matrices = np.array(values, dtype=np.float64)
@@ -103,7 +103,7 @@ def _from_text(path: Path) -> Float[np.ndarray, "camera 3 3"]:
         numbers = np.array([float(word) for word in words])
     except ValueError as error:
         raise ValueError(
-            f"{path} is no text of numbers ({error}); expected nine per camera matrix, row by row."
+            f"{path} is not a text of numbers ({error}); expected nine per camera matrix, row by row."
         ) from error
     if not len(numbers) or len(numbers) % 9:
         raise ValueError(f"{path} holds {len(numbers)} numbers, expected nine per camera matrix.")

@@ -128,8 +128,8 @@ def _hands_of(
             )
         box = annotation.get(BOXES[key])
         if side is None:
-            told = _side(f"{path}: {identity}", annotation, category)
-            hands.append(_Hand(numbers, told, called, box, image))
+            side_found = _side(f"{path}: {identity}", annotation, category)
+            hands.append(_Hand(numbers, side_found, called, box, image))
         else:
             hands.append(_Hand(numbers, side, f"{called} {side}", box, image))
     return hands
@@ -172,9 +172,9 @@ def _boxes(hands: list[_Hand]) -> np.ndarray | None:
 
 def _side(where: str, annotation: dict[str, Any], category: str) -> str | None:
     """Side from the annotation, else from its category's name."""
-    told = read_side(where, annotation.get("side", annotation.get("handedness")))
+    given = read_side(where, annotation.get("side", annotation.get("handedness")))
     named = [side for side in ("left", "right") if side in category.lower()]
-    return told or (named[0] if len(named) == 1 else None)
+    return given or (named[0] if len(named) == 1 else None)
 
 
 def _are_visibilities(score: np.ndarray) -> bool:

@@ -58,7 +58,7 @@ def read_landmarks(
     parsed = _parse_json(path, text) if is_json else parse_csv(path, text)
     if intrinsics is not None and len(parsed.points):
         if parsed.intrinsics is not None:
-            logger.warning("%s has cameras too; those of %s are taken.", path, intrinsics)
+            logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
         cameras = read_intrinsics(Path(intrinsics).expanduser(), len(parsed.points))
         parsed = dataclasses.replace(parsed, intrinsics=cameras)
     landmarks = to_landmark_set(path, parsed, assumed or Assumptions())

@@ -110,7 +110,7 @@ def _entries(path: Path) -> list[dict[str, Any]]:
     for entry in entries:
         if not isinstance(entry, dict) or "keypoints" not in entry:
             raise ValueError(
-                f"{path} is none of HInt's: expected a list of objects with `bbox`, `keypoints` and "
+                f"{path} is not one of HInt's files: expected a list of objects with `bbox`, `keypoints` and "
                 "`occlusion`."
             )
     return entries

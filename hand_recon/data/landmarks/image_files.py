@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 WHOLE: Final = 16
 """Number of labelled landmarks whose box counts as the hand's: at most one finger and a joint are missing."""
 
-LOOKED_AT: Final = 16
+CHECKED_IMAGES: Final = 16
 """Number of images that are opened to check that the landmarks lie inside."""
 
 
@@ -44,7 +44,7 @@ def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -
     """
     images = _images(landmarks, root)
     frames = hand_frames(landmarks, around)
-    kept = _worth_keeping(landmarks, frames, min_side, root).numpy()
+    kept = _usable_for_training(landmarks, frames, min_side, root).numpy()
     chosen = landmarks.select(torch.from_numpy(kept))
     rows = np.flatnonzero(kept)
     frames = frames[torch.from_numpy(kept)]
@@ -122,7 +122,7 @@ def _images(landmarks: LandmarkSet, root: Path) -> list[Path]:
     return images
 
 
-def _worth_keeping(
+def _usable_for_training(
     landmarks: LandmarkSet, frames: Float[Tensor, "hand 4"], min_side: float, root: Path
 ) -> Bool[Tensor, " hand"]:
     enough = landmarks.usable
@@ -136,7 +136,7 @@ def _worth_keeping(
         )  # fmt: skip
     if not kept.any():
         raise ValueError(
-            f"{root}: none of {len(kept)} hands can be learnt from; each needs {FEWEST} labelled landmarks "
+            f"{root}: none of {len(kept)} hands can be trained on; each needs {FEWEST} labelled landmarks "
             f"and min_side={min_side:g} pixels of its image."
         )
     return kept
@@ -160,7 +160,7 @@ def _check_size(table: AnnotatedHands) -> None:
         ValueError: More than half of the checked hands lie outside.
     """
     seen, outside = 0, 0
-    for row in np.unique(np.linspace(0, len(table) - 1, LOOKED_AT).round().astype(int)):
+    for row in np.unique(np.linspace(0, len(table) - 1, CHECKED_IMAGES).round().astype(int)):
         image = read_image(table.images[row])
         if image is None or table.boxes is None:
             continue
@@ -170,6 +170,6 @@ def _check_size(table: AnnotatedHands) -> None:
         outside += bool(((middle < 0) | (middle > size)).any())
     if outside > seen / 2:
         raise ValueError(
-            f"{table.root}: {outside} of {seen} hands that were looked at lie outside their images. "
+            f"{table.root}: {outside} of {seen} hands that were checked lie outside their images. "
             "Landmarks must be in pixels of the images as they are on the disk, not of resized ones."
         )

@@ -48,8 +48,8 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
     for position, entry in enumerate(content):
         if not isinstance(entry, dict) or not any(key in entry for key in LANDMARK_KEYS):
             raise ValueError(
-                f"{path}: entry {position} is no object with `landmarks`; expected every entry to be one, "
-                "or every entry to be a list of 21 points."
+                f"{path}: entry {position} is not an object with `landmarks`; expected every entry to be "
+                "one, or every entry to be a list of 21 points."
             )
     unknown = sorted({key for entry in content for key in entry} - set(KNOWN_KEYS))
     if unknown:
@@ -160,8 +160,8 @@ def _boxes(path: Path, content: list[Any]) -> Float[np.ndarray, "hand 4"] | None
 
 def _occluded(path: Path, content: list[Any]) -> Bool[np.ndarray, "hand landmark=21"] | None:
     """True for occluded landmarks; None unless every hand has the key."""
-    told = sum(entry.get("occluded") is not None for entry in content)
-    if not told:
+    known = sum(entry.get("occluded") is not None for entry in content)
+    if not known:
         return None
     try:
         rows = np.array([entry.get("occluded") or [False] * 21 for entry in content], dtype=bool)
@@ -170,10 +170,10 @@ def _occluded(path: Path, content: list[Any]) -> Bool[np.ndarray, "hand landmark
         raise ValueError(
             f"{path}: `occluded` must be a list of 21 true or false for each hand that has it."
         ) from error
-    if told < len(content):
+    if known < len(content):
         logger.warning(
-            "%s: %d of %d hands tell what is occluded; it is used only where all do.",
-            path, told, len(content),
+            "%s: %d of %d hands have `occluded`; it is used only where all have it.",
+            path, known, len(content),
         )  # fmt: skip
         return None
     return rows

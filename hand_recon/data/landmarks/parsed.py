@@ -204,7 +204,7 @@ def _check_confidence(path: Path, confidence: np.ndarray | None) -> None:
         refuse(
             path,
             outside,
-            "confidences outside [0, 1]; if they are σ in pixels, say third_value=sigma.",
+            "confidences outside [0, 1]; if they are σ in pixels, set third_value=sigma.",
         )
 
 
@@ -232,13 +232,13 @@ def _which_left(
     unknown = hands - sum(side is not None for side in sides)
     if unknown and assumed is None:
         raise ValueError(
-            f"{path} does not tell of {unknown} of {hands} hands whether they are left or right ones, and 2D "
-            "landmarks cannot: a right palm looks like the back of a left hand. If all of these are of one "
-            "side, say side=right or side=left (data.side in training); else write `side` to each hand."
+            f"{path} gives no side for {unknown} of {hands} hands, and 2D landmarks do not determine it: a "
+            "right palm looks like the back of a left hand. If all of these are of one side, set side=right "
+            "or side=left (data.side in training); else write `side` for each hand."
         )
     if unknown:
         logger.info(
-            "%s: the side of %d of %d hands is not told; they are taken for %s hands (side=%s).",
+            "%s: no side is given for %d of %d hands; they are read as %s hands (side=%s).",
             path, unknown, hands, assumed, assumed,
         )  # fmt: skip
     known = [side or assumed for side in sides] or [assumed] * hands
