@@ -1,4 +1,4 @@
-"""Fits of known hands: exact landmarks are met, the hand is found, and nothing but the hand matters."""
+"""Fits of known hands: landmarks are met, the hand is found, batches and missing labels change nothing."""
 
 import copy
 import itertools
@@ -35,7 +35,7 @@ COUNT = 8
 
 @pytest.fixture(scope="module")
 def double(hand: HandModel) -> HandModel:
-    """In which sums in another order change nothing that descent could amplify."""
+    """The hand in double precision: descent amplifies no rounding differences of sums in another order."""
     return copy.deepcopy(hand).double()
 
 
@@ -93,7 +93,7 @@ def test_the_staged_likelihood_fits_them_too(
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5)
     found = fit(observed(seen), Objective(hand, prior, term), descent=Descent(steps=200))
     assert float(distance(found, seen).mean(dim=1).max()) < 1.5
-    # The term that was given is as it was: every fit has stages of its own.
+    # The given term is unchanged: every fit goes through the stages of a copy.
     assert term.stage == 0
     assert float(term.running.counts.sum()) == 0
 
@@ -125,7 +125,7 @@ def test_more_starts_never_end_higher(double: HandModel, prior: Prior, seen: Han
     ]  # fmt: skip
     for fewer, more in itertools.pairwise(losses):
         assert (more <= fewer * (1 + 1e-6)).all()
-    assert (losses[2] < 0.5 * losses[0]).any()  # And they are worth having.
+    assert (losses[2] < 0.5 * losses[0]).any()  # Some hands end much lower.
 
 
 def test_missing_landmarks_are_neither_fitted_nor_looked_at(
@@ -148,7 +148,7 @@ def test_missing_landmarks_are_neither_fitted_nor_looked_at(
     assert torch.equal(first.prediction.landmarks_3d, second.prediction.landmarks_3d)
     assert first.prediction.landmarks_3d.isfinite().all()
     assert float(distance(first, seen)[labelled].mean()) < 2.0
-    # What was not shown is inferred from what was: on the hand, not anywhere.
+    # Missing landmarks follow from the given ones through the hand model.
     assert float(distance(first, seen)[~labelled].median()) < 15.0
 
 
@@ -210,7 +210,7 @@ def test_surfaces_join_late_and_for_the_best_start_alone(hand: HandModel, seen: 
     prior = Asked({"shape": ShapeTerm(hand)})
     descent = Descent(starts=2, steps=10, non_penetration_from=0.6)
     fit(observed(seen), Objective(hand, prior, SquaredError()), descent=descent)
-    # Six steps without and the choice between the starts, four with and the result.
+    # Without the term: six steps and the choice of the start; with it: four steps and the result.
     assert prior.asked == [(2 * COUNT, None)] * 7 + [(COUNT, len(hand.template))] * 5
 
 
@@ -238,16 +238,16 @@ def test_the_same_fit_twice_is_the_same_to_the_bit(
 
 
 def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior: Prior) -> None:
-    truth = known_hands(hand, COUNT)
-    truth = replace(truth, shape=torch.zeros(COUNT, 10))
-    seen = views(hand, truth)
+    ground_truth = known_hands(hand, COUNT)
+    ground_truth = replace(ground_truth, shape=torch.zeros(COUNT, 10))
+    seen = views(hand, ground_truth)
 
     def told(_: Observation) -> Start:
         return Start(
-            truth.joint_angles[:, None],
-            truth.root_rotation[:, None],
-            truth.translation[:, None],
-            truth.shape[:, None],
+            ground_truth.joint_angles[:, None],
+            ground_truth.root_rotation[:, None],
+            ground_truth.translation[:, None],
+            ground_truth.shape[:, None],
         )
 
     alone = Descent(starts=0, steps=1, learning_rate=1e-6)
@@ -261,7 +261,7 @@ def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior:
 
 
 def test_a_lifters_answer_is_where_it_saw_the_hand(hand: HandModel, seen: HandBatch) -> None:
-    """In any camera and roll: the start projects to where the lifter's own camera has it."""
+    """In any camera and roll, the start projects to the lifter's prediction in its own camera."""
     network = Regressor(LandmarkEncoder(width=16, depth=1), hand, width=16, dropout=0.0).eval()
     assert seen.intrinsics is not None
     cameras = seen.intrinsics.clone()
@@ -278,7 +278,7 @@ def test_a_lifters_answer_is_where_it_saw_the_hand(hand: HandModel, seen: HandBa
     posed = hand(start.joint_angles[:, 0], prediction.parameters.shape).landmarks
     placed = posed @ start.root_rotation[:, 0].mT + start.translation[:, 0, None]
     off = (project(placed, cameras) - expected).norm(dim=-1)
-    # Another focal length is another perspective: pixels, not tenths of them.
+    # Another focal length changes the perspective by pixels, not by tenths of them.
     assert float(off.mean().detach()) < 6.0
 
 

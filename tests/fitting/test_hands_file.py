@@ -1,4 +1,4 @@
-"""The file of hands: what is read is what was written, and what does not belong there is refused by name."""
+"""Round trip, contents and refusals of the file of hands."""
 
 import dataclasses
 import json
@@ -102,7 +102,7 @@ def test_parts_make_one_list_with_a_hand_to_a_line(hand: HandModel, tmp_path: Pa
 
 
 def test_plain_json_holds_the_hands_that_were_fitted(hand: HandModel, tmp_path: Path) -> None:
-    """Nothing of the format's own code reads here: a user's program sees these numbers."""
+    """Read without the reader of the format, as a user's program does."""
     part = fitted(hand)
     path = write(tmp_path / "hands.json", part.records())
     content = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The pictures that a fit leaves behind."""
+"""Images that a fit writes."""
 
 import dataclasses
 from pathlib import Path
@@ -12,7 +12,7 @@ from hand_recon.hand.model import HandModel
 from tests.support.fitted_hands import SMALL_RESULTS, fitted
 
 
-def test_pictures_show_the_hand_on_its_image_and_a_sheet_shows_all(
+def test_images_show_the_hand_on_its_image_and_a_sheet_shows_all(
     hand: HandModel, tmp_path: Path
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((480, 640, 3), (0, 0, 255), dtype=np.uint8))
@@ -34,7 +34,7 @@ def test_pictures_show_the_hand_on_its_image_and_a_sheet_shows_all(
     assert sheet.shape[0] > 2 * 48
 
 
-def test_a_picture_that_cannot_be_read_is_named_and_drawn_on_white(
+def test_an_image_that_cannot_be_read_is_named_and_drawn_on_white(
     hand: HandModel, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     part = fitted(hand)

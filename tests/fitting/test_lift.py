@@ -1,4 +1,4 @@
-"""A lifter's answer does not depend on how a crop is turned and scaled, and says σ in the crop's pixels."""
+"""A lifter's prediction follows rotation and scale of a crop, and its σ is in the crop's pixels."""
 
 import math
 
@@ -22,7 +22,7 @@ def lifter(hand: HandModel) -> Regressor:
     encoder = LandmarkEncoder(width=32, depth=1)
     network = Regressor(encoder, hand, width=32, dropout=0.0, activation=True, reprojection=True)
     with torch.no_grad():
-        # Not the starting hand for all: an answer that follows the landmarks.
+        # Away from the initial hand: a prediction that depends on the landmarks.
         for parameter in network.decoders.parameters():
             parameter.add_(0.02 * torch.randn_like(parameter))
     return network.eval()
@@ -36,20 +36,20 @@ def seen(hand: HandModel) -> Observation:
 
 
 def moved(seen: Observation, linear: torch.Tensor) -> Observation:
-    """The landmarks turned or scaled about the middle of the crop."""
+    """The landmarks rotated or scaled about the middle of the crop."""
     landmarks = (seen.landmarks_2d - 112) @ linear.mT + 112
     return Observation(landmarks, seen.labelled, seen.intrinsics)
 
 
-def test_a_turned_crop_gives_the_turned_hand(lifter: Regressor, seen: Observation) -> None:
+def test_a_rotated_crop_gives_the_rotated_hand(lifter: Regressor, seen: Observation) -> None:
     angle = 0.7
-    turn = torch.eye(3)
-    turn[:2, :2] = torch.tensor(
+    rotation = torch.eye(3)
+    rotation[:2, :2] = torch.tensor(
         [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     )
-    alone, turned = lift(lifter, seen), lift(lifter, moved(seen, turn[:2, :2]))
-    assert_close(turned.landmarks_3d, alone.landmarks_3d @ turn.mT)
-    assert_close(turned.parameters.joint_angles, alone.parameters.joint_angles)
+    alone, rotated = lift(lifter, seen), lift(lifter, moved(seen, rotation[:2, :2]))
+    assert_close(rotated.landmarks_3d, alone.landmarks_3d @ rotation.mT)
+    assert_close(rotated.parameters.joint_angles, alone.parameters.joint_angles)
 
 
 def test_sigma_is_in_pixels_of_the_crop(lifter: Regressor, seen: Observation) -> None:

@@ -1,4 +1,4 @@
-"""What a fit is told of its landmarks: σ, confidence, or neither."""
+"""σ of a fit's landmarks: given, from the confidence, or neither."""
 
 import math
 from dataclasses import replace

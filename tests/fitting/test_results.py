@@ -1,4 +1,4 @@
-"""What a fit leaves behind: valid JSON, meshes that face outwards, and nothing overwritten."""
+"""Results of a fit: valid JSON, meshes that face outwards, and nothing overwritten."""
 
 import dataclasses
 import json
@@ -188,7 +188,7 @@ def test_meshes_are_in_metres_and_face_outwards_on_either_hand(
     for number, file in enumerate(files):
         mesh = trimesh.load_mesh(file, process=False)
         np.testing.assert_allclose(mesh.vertices, part.prediction.vertices[number], atol=1e-6)
-        # Triangles that face outwards make a positive volume; the open wrist takes little of it.
+        # Triangles that face outwards enclose a positive volume, in spite of the open wrist.
         assert mesh.volume > 1e-5
 
 

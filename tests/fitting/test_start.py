@@ -1,4 +1,4 @@
-"""Closed-form starts: of a plane seen from afar there are two placements, and one is the truth."""
+"""Closed-form starts: one of the two poses of a plane that look alike from far away is the true one."""
 
 import copy
 
@@ -14,11 +14,11 @@ from tests.support.views import known_hands, views
 
 COUNT = 200
 FAR = 1e7
-"""A focal length, pixels, at which a hand's perspective is gone."""
+"""Focal length without visible perspective, pixels."""
 
 
 class FlatHand(HandModel):
-    """The open hand pressed into the plane of its palm: every landmark lies in it."""
+    """The open hand with every landmark projected into the plane of its palm."""
 
     def forward(self, joint_angles: torch.Tensor, shape: torch.Tensor) -> HandGeometry:
         posed = super().forward(joint_angles, shape)
@@ -37,7 +37,7 @@ def flat(hand: HandModel) -> HandModel:
 
 
 def angle(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """Between rotations, radians."""
+    """Angle between rotations, radians."""
     cosine = ((first.mT @ second).diagonal(dim1=-2, dim2=-1).sum(dim=-1) - 1) / 2
     return cosine.clamp(-1, 1).arccos()
 
@@ -54,8 +54,8 @@ def seen_from_afar(model: HandModel, bend: float) -> tuple[torch.Tensor, ...]:
     rotation = rotation * torch.linalg.det(rotation).sign()[:, None, None]
     camera = torch.tensor([[FAR, 0, 112], [0, FAR, 112], [0, 0, 1]], dtype=torch.float64)
     camera = camera.expand(COUNT, 3, 3)
-    place = torch.tensor([0.0, 0.0, FAR * 0.18 / 150], dtype=torch.float64)
-    points = points_of(model, bend) @ rotation.mT + place
+    translation = torch.tensor([0.0, 0.0, FAR * 0.18 / 150], dtype=torch.float64)
+    points = points_of(model, bend) @ rotation.mT + translation
     return rotation, project(points, camera), camera
 
 
@@ -68,9 +68,9 @@ def test_one_of_both_placements_is_the_true_one(flat: HandModel, number: int) ->
     assert torch.allclose(found @ found.mT, torch.eye(3, dtype=torch.float64), atol=1e-9)
     assert torch.linalg.det(found).sub(1).abs().max() < 1e-9
     off = angle(found, rotation[:, None])
-    # A hundredth of a radian: the square root of what is left of the perspective.
+    # The remaining perspective has an effect of its square root, under a hundredth of a radian.
     assert off.amin(dim=1).max() < 0.01
-    # The other one is another placement for nearly all, and neither is always the first.
+    # For nearly all hands the other pose differs, and neither of the two is always the first.
     assert (off.amax(dim=1) > 0.1).double().mean() > 0.95
     assert 0.2 < (off[:, 0] < off[:, 1]).double().mean() < 0.8
 
@@ -86,7 +86,7 @@ def test_both_placements_show_the_palm_where_it_was_seen(flat: HandModel) -> Non
 
 
 def shown(start: Start, which: int, hand: HandModel) -> torch.Tensor:
-    """Landmarks of one start of each hand, camera's frame."""
+    """Landmarks of one start of each hand, camera frame."""
     count = len(start.translation)
     parameters = HandParameters(
         start.joint_angles[:, which], torch.zeros(count, 10), start.root_rotation[:, which],
@@ -96,16 +96,16 @@ def shown(start: Start, which: int, hand: HandModel) -> torch.Tensor:
 
 
 def test_a_real_palm_is_near_the_better_placement(hand: HandModel) -> None:
-    """Neither flat nor far away, of another shape and in another pose: still right to about 10 degrees."""
-    truth = known_hands(hand, COUNT)
-    batch = views(hand, truth)
+    """Right to about 10 degrees for hands that are not flat or far away and have other shapes and poses."""
+    ground_truth = known_hands(hand, COUNT)
+    batch = views(hand, ground_truth)
     assert batch.intrinsics is not None
     starts = closed_form_starts(hand, batch.landmarks_2d, batch.labelled, batch.intrinsics, 2)
-    off = angle(starts.root_rotation, truth.root_rotation[:, None]).rad2deg()
+    off = angle(starts.root_rotation, ground_truth.root_rotation[:, None]).rad2deg()
     assert off.amin(dim=1).median() < 12
     assert off.amin(dim=1).quantile(0.9) < 25
     assert off[:, 0].median() > 20  # One alone would not do.
-    depth = starts.translation[..., 2] / truth.translation[:, None, 2]
+    depth = starts.translation[..., 2] / ground_truth.translation[:, None, 2]
     assert (depth.log().abs().amin(dim=1).median()) < 0.1
     for which in (0, 1):
         pixels = project(shown(starts, which, hand), batch.intrinsics)
@@ -172,7 +172,7 @@ def test_the_palm_alone_is_enough(hand: HandModel) -> None:
 
 
 def test_landmarks_that_all_coincide_give_something_finite(hand: HandModel) -> None:
-    """Nothing that a detector should say, but what some do."""
+    """A failing detector may put all landmarks at one point."""
     landmarks = torch.full((2, 21, 2), 100.0)
     camera = default_intrinsics(224, landmarks).expand(2, 3, 3)
     starts = closed_form_starts(hand, landmarks, torch.ones(2, 21, dtype=torch.bool), camera)

@@ -98,7 +98,7 @@ def test_dexycb_is_counted_by_subject(tmp_path: Path) -> None:
         for recording in range(recordings):
             (root / subject / f"2020_{recording}").mkdir(parents=True)
     (root / "calibration").mkdir()
-    # No split can be made of 99 recordings.
+    # 99 recordings cannot be split.
     broken = named(look_at_datasets(tmp_path), "DexYCB")
     assert broken.state == "wrong"
     assert broken.found.startswith("2 of 10 subjects, 199 of 1,000 recordings")

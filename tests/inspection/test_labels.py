@@ -83,7 +83,7 @@ def test_without_3d_only_the_2d_labels_are_judged(batch: HandBatch) -> None:
 
 def test_a_right_hand_curls_to_where_its_palm_faces() -> None:
     # The wrist at the origin, fingers to +y, as a camera sees the back of a right hand with y up: little
-    # finger at +x. The palm faces +z or −z; fingers that bend there are told from those that cannot.
+    # finger at +x. The palm faces +z or −z; fingers bend towards one of them only.
     landmarks = torch.zeros(1, 21, 3)
     for finger, across in enumerate((-0.03, -0.01, 0.01, 0.03)):
         first = 5 + 4 * finger

@@ -13,7 +13,7 @@ from tests.support.views import known_hands
 
 
 class Known(HandDataModule):
-    """Knows parameters, or why it does not."""
+    """Datamodule that returns parameters, or raises an error."""
 
     def __init__(self, answer: HandParameters | Exception | None) -> None:
         self.answer = answer
@@ -38,7 +38,7 @@ def test_hands_count_beyond_the_tolerance_and_the_mean_is_without_it(hand: HandM
         "beyond_ranges_percent": 50.0,
         "largest_violation_degrees_mean": pytest.approx(22.5, abs=1e-4),
     }
-    # A hand whose pose is not known is none of them.
+    # A hand without a pose is not counted.
     angles[0] = torch.nan
     assert examine_poses(Known(parameters), hand.rest_angles, 4)["poses"] == 3
 

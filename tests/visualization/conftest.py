@@ -33,8 +33,8 @@ def scene(hand: HandModel) -> tuple[HandBatch, HandPrediction]:
 
 
 @pytest.fixture
-def without_picture(scene: tuple[HandBatch, HandPrediction]) -> HandBatch:
-    """The same landmarks alone, in crops of 224 px."""
+def without_image(scene: tuple[HandBatch, HandPrediction]) -> HandBatch:
+    """The same landmarks without images, in crops of 224 px."""
     batch, _ = scene
     empty = torch.zeros(len(batch), 3, 0, 0, dtype=torch.uint8)
     return replace(batch, image=empty, landmarks_2d=batch.landmarks_2d * (224 / 64))

@@ -1,4 +1,4 @@
-"""Ellipses have the axes and the slant of the covariance that they stand for."""
+"""Ellipses have the axes and the angle of their covariance."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ WHITE = np.full((200, 200, 3), 255, dtype=np.uint8)
 
 
 def one_ellipse(covariance: np.ndarray) -> np.ndarray:
-    """What is drawn of the index fingertip's ellipse alone, in the middle of a picture."""
+    """Mask of the pixels of one ellipse, the index fingertip's, in the middle of an image."""
     landmarks, matrices = np.full((21, 2), 100.0), np.tile(covariance, (21, 1, 1))
     shown = np.arange(21) == 8
     drawn = draw_ellipses(WHITE, landmarks, matrices, shown)
@@ -40,7 +40,7 @@ def test_the_outer_ellipse_is_four_sigma_wide_and_high() -> None:
 
 
 def test_the_filled_ellipse_has_the_area_of_one_sigma() -> None:
-    """π · 20 · 8 = 503 px², of which the picture shows the finger's colour, let through."""
+    """π · 20 · 8 = 503 px², tinted in the finger's colour at an opacity of 0.35."""
     landmarks, matrices = (
         np.full((21, 2), 100.0),
         np.tile(covariance_of(20.0, 8.0, 0.0), (21, 1, 1)),
@@ -70,14 +70,14 @@ def test_principal_axes_rebuild_the_covariance() -> None:
     matrices = roots @ roots.transpose(0, 2, 1)
     halves, angles = principal_axes(matrices)
     assert (halves[:, 0] >= halves[:, 1]).all()
-    turn = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
-    turn = turn.transpose(2, 0, 1)
-    rebuilt = turn @ (halves[:, :, None] ** 2 * turn.transpose(0, 2, 1))
+    rotation = np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]])
+    rotation = rotation.transpose(2, 0, 1)
+    rebuilt = rotation @ (halves[:, :, None] ** 2 * rotation.transpose(0, 2, 1))
     np.testing.assert_allclose(rebuilt, matrices, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
-def test_sigma_is_in_pixels_of_a_224_crop_whatever_the_pictures_size(
+def test_sigma_is_in_pixels_of_a_224_crop_whatever_the_images_size(
     shape: tuple[int, ...],
 ) -> None:
     log_sigma = torch.log(torch.tensor([4.0, 2.0])).expand(*shape, 21, 2)
@@ -100,14 +100,14 @@ def test_what_is_not_finite_or_enormous_does_no_harm() -> None:
     assert (nothing == 255).all()
 
 
-def test_the_picture_that_is_drawn_on_stays_as_it_was() -> None:
+def test_the_image_that_is_drawn_on_is_not_changed() -> None:
     before = WHITE.copy()
     draw_ellipses(WHITE, np.full((21, 2), 50.0), np.tile(np.eye(2) * 9, (21, 1, 1)))
     assert (before == WHITE).all()
 
 
-def test_an_uncertain_landmark_has_more_ink_and_no_picture_is_white(
-    scene: tuple[HandBatch, HandPrediction], without_picture: HandBatch
+def test_an_uncertain_landmark_has_more_ink_and_no_image_is_white(
+    scene: tuple[HandBatch, HandPrediction], without_image: HandBatch
 ) -> None:
     batch, prediction = scene
     log_sigma = torch.zeros(2, 21, 2)
@@ -117,6 +117,6 @@ def test_an_uncertain_landmark_has_more_ink_and_no_picture_is_white(
     assert [panel.shape for panel in panels] == [(128, 128, 3)] * 2
     ink = [(panel != 128).any(axis=-1).sum() for panel in panels]
     assert ink[1] > 1.5 * ink[0]
-    white = ellipse_panels(without_picture, uncertain, 128)
+    white = ellipse_panels(without_image, uncertain, 128)
     assert (white[0][0, 0] == 255).all()
     assert (white[0] != 255).any()

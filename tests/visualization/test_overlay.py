@@ -29,7 +29,7 @@ def test_landmarks_far_outside_do_no_harm() -> None:
     assert draw_landmarks(GREY, landmarks).shape == GREY.shape
 
 
-def test_the_picture_that_is_drawn_on_stays_as_it_was() -> None:
+def test_the_image_that_is_drawn_on_is_not_changed() -> None:
     before = GREY.copy()
     draw_landmarks(GREY, np.full((21, 2), 30.0))
     assert (before == GREY).all()
@@ -39,12 +39,12 @@ def test_a_row_has_its_panels_and_the_mesh_covers_the_landmarks(
     hand: HandModel, scene: tuple[HandBatch, HandPrediction]
 ) -> None:
     batch, prediction = scene
-    pictures = rows(batch, prediction, hand.faces, panel=64)
-    assert len(pictures) == 2
-    assert pictures[0].shape == (64, 64 * len(COLUMNS), 3)
-    mesh_panel = pictures[0][:, 128:192]
+    drawn_rows = rows(batch, prediction, hand.faces, panel=64)
+    assert len(drawn_rows) == 2
+    assert drawn_rows[0].shape == (64, 64 * len(COLUMNS), 3)
+    mesh_panel = drawn_rows[0][:, 128:192]
     knuckle = prediction.landmarks_2d[0, 9].round().int()
     assert (mesh_panel[knuckle[1], knuckle[0]] != 128).any()
     # Unlabelled landmarks are not drawn as labels, though predicted ones are.
-    drawn = [(picture[:, :128] != 128).any(axis=-1).sum() for picture in pictures]
+    drawn = [(row[:, :128] != 128).any(axis=-1).sum() for row in drawn_rows]
     assert drawn[1] < drawn[0]

@@ -1,4 +1,4 @@
-"""Sheets show the right hands in the right places."""
+"""The figures show the right hands in the right panels."""
 
 from dataclasses import replace
 from unittest.mock import patch
@@ -48,10 +48,8 @@ def test_panels_stand_in_their_rows_and_columns() -> None:
         [Panel(plain(10), "a"), Panel(plain(90))],
         [None, Panel(plain(200))],
     ]
-    picture = sheet(rows, ["first", "second"], ["upper", "lower"])
-    found = {
-        grey: np.argwhere((picture == grey).all(axis=-1)).mean(axis=0) for grey in (10, 90, 200)
-    }
+    image = sheet(rows, ["first", "second"], ["upper", "lower"])
+    found = {grey: np.argwhere((image == grey).all(axis=-1)).mean(axis=0) for grey in (10, 90, 200)}
     assert found[10][1] < found[90][1]
     assert abs(found[10][0] - found[90][0]) < 3
     assert found[200][0] > found[90][0] + 90
@@ -91,8 +89,8 @@ def test_few_hands_are_ranked_without_any_twice(scene: Scene) -> None:
     batch, prediction = repeated(scene, 3)
     captions = captions_of(rank_by_uncertainty, batch, prediction, 6)
     assert [len(row) for row in captions] == [1, 1, 1, 1]
-    picture = rank_by_uncertainty(batch, prediction, 6, 48)
-    assert picture.dtype == np.uint8
+    image = rank_by_uncertainty(batch, prediction, 6, 48)
+    assert image.dtype == np.uint8
 
 
 def test_before_and_after_has_a_column_per_model_and_two_views_per_hand(
@@ -108,7 +106,9 @@ def test_before_and_after_has_a_column_per_model_and_two_views_per_hand(
     assert before_after(columns, batch, hand.faces, errors, 48).ndim == 3
 
 
-def test_the_truth_is_shown_from_the_side_where_there_is_one(scene: Scene, hand: HandModel) -> None:
+def test_ground_truth_is_shown_from_the_side_where_there_is_one(
+    scene: Scene, hand: HandModel
+) -> None:
     batch, prediction = scene
     vertices = prediction.vertices.clone()
     vertices[1] = float("nan")
@@ -130,16 +130,16 @@ def test_the_likelihoods_figure_ends_with_the_last_models_ellipses(
     assert captions[0] == ["test hand 0", "", "", "mean σ 1.0 px"]
 
 
-def test_without_a_picture_the_mesh_lies_under_its_labels_on_white(
-    scene: Scene, without_picture: HandBatch, hand: HandModel
+def test_without_an_image_the_mesh_lies_under_its_labels_on_white(
+    scene: Scene, without_image: HandBatch, hand: HandModel
 ) -> None:
     _, prediction = scene
     scale = torch.tensor([3.5, 3.5, 1.0])[:, None]
     enlarged = replace(prediction, intrinsics=prediction.intrinsics * scale)
-    picture = mesh_on_image(without_picture, enlarged, 0, hand.faces.numpy(), 224)
-    assert (picture[0, 0] == 255).all()
-    tip = without_picture.landmarks_2d[0, 8].floor().int().tolist()
-    assert tuple(picture[tip[1], tip[0]]) == (240, 190, 20)
+    image = mesh_on_image(without_image, enlarged, 0, hand.faces.numpy(), 224)
+    assert (image[0, 0] == 255).all()
+    tip = without_image.landmarks_2d[0, 8].floor().int().tolist()
+    assert tuple(image[tip[1], tip[0]]) == (240, 190, 20)
 
 
 def test_a_figure_of_no_model_is_refused(scene: Scene, hand: HandModel) -> None:

@@ -1,4 +1,4 @@
-"""The report opens offline and shows what it was given."""
+"""The report opens without a network and shows its content."""
 
 import re
 from pathlib import Path
@@ -10,12 +10,12 @@ from hand_recon.visualization.curves import draw_curves, read_log
 from hand_recon.visualization.run_report import Report, write_report
 
 
-def test_the_page_holds_its_pictures_and_asks_nothing_of_a_network(tmp_path: Path) -> None:
-    picture = tmp_path / "a.png"
-    cv2.imwrite(str(picture), np.zeros((4, 4, 3), dtype=np.uint8))
+def test_the_page_embeds_its_images_and_needs_no_network(tmp_path: Path) -> None:
+    image = tmp_path / "a.png"
+    cv2.imwrite(str(image), np.zeros((4, 4, 3), dtype=np.uint8))
     report = Report(
         title="Ours <on> synthetic", scores={"E_J": 12.345, "other": 1.0}, baseline={"E_J": 17.0},
-        facts={"epochs": 3}, overlays=(picture,), curves=picture, config="a: 1",
+        facts={"epochs": 3}, overlays=(image,), curves=image, config="a: 1",
     )  # fmt: skip
     write_report(report, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
@@ -27,11 +27,11 @@ def test_the_page_holds_its_pictures_and_asks_nothing_of_a_network(tmp_path: Pat
 
 
 def test_further_figures_are_shown_with_their_captions(tmp_path: Path) -> None:
-    picture = tmp_path / "a.png"
-    cv2.imwrite(str(picture), np.zeros((4, 4, 3), dtype=np.uint8))
+    image = tmp_path / "a.png"
+    cv2.imwrite(str(image), np.zeros((4, 4, 3), dtype=np.uint8))
     report = Report(
         title="t", scores={"PR": 1.5}, baseline={}, facts={}, overlays=(), curves=None, config="",
-        figures=(("Where it is <unsure>", picture), ("And where not", picture)),
+        figures=(("Where it is <unsure>", image), ("And where not", image)),
     )  # fmt: skip
     write_report(report, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
