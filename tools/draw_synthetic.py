@@ -52,9 +52,9 @@ def gesture_sheet(columns: int) -> np.ndarray:
         hand = model(angles, torch.zeros(10))
         landmarks = hand.landmarks.numpy().astype(float)
         front = sample_view(recipe.random(0, "view"), level, recipe.crop_size, landmarks)
-        turned = replace(front, root_rotation=side @ front.root_rotation)
+        from_the_side = replace(front, root_rotation=side @ front.root_rotation)
         pair = []
-        for view in (front, turned):
+        for view in (front, from_the_side):
             surfaces = scene_surfaces(recipe, 0, hand, view)
             scene = RayScene(*merged(surfaces))
             pair.append(render_image(recipe, (0, 0), surfaces, scene, view.intrinsics)[0])

@@ -30,6 +30,6 @@ def fit_in_parts(landmarks: LandmarkSet, fitter: Fitter, size: int = PART) -> It
     for part in with_progress(parts, total, f"Fitting {len(landmarks)} hands, {size} at a time"):
         crops, usable = to_crops(part), part.usable
         found = fitter(crops.batch.select(usable))
-        # A fit has the σ that it was told; without a loss it is a lifter's answer, with σ of its own.
-        own = not found.loss
-        yield fitted_hands(part, crops, found.prediction, found.loss, has_sigma=own)
+        # Without a loss, the hands are a lifter's predictions, whose σ is an estimate; a fit has the given σ.
+        is_lifter = not found.loss
+        yield fitted_hands(part, crops, found.prediction, found.loss, has_sigma=is_lifter)

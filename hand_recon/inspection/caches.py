@@ -36,15 +36,15 @@ def crop_maps(cache: Path) -> list[CropMap]:
     """
     maps = []
     for manifest in sorted((cache / "pictures").glob("*/manifest.json")):
-        told = json.loads(manifest.read_text())
-        if {"dataset", "root", "fingerprint", "count"} <= told.keys():
+        content = json.loads(manifest.read_text())
+        if {"dataset", "root", "fingerprint", "count"} <= content.keys():
             maps.append(
                 CropMap(
                     manifest.parent,
-                    told["dataset"],
-                    told["root"],
-                    told["fingerprint"],
-                    told["count"],
+                    content["dataset"],
+                    content["root"],
+                    content["fingerprint"],
+                    content["count"],
                 )
             )
     return maps

@@ -64,5 +64,5 @@ def _with_surface(
         return None
     camera = batch.intrinsics[index].double().numpy().copy()
     camera[:2] *= PANEL / batch.crop_size
-    picture = background(batch.image[index], PANEL)
-    return shade(vertices.numpy(), faces.numpy(), camera, PANEL).over(picture, opacity=0.8)
+    image = background(batch.image[index], PANEL)
+    return shade(vertices.numpy(), faces.numpy(), camera, PANEL).over(image, opacity=0.8)

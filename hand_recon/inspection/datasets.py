@@ -123,11 +123,11 @@ def _ho3d(root: Path) -> list[Finding]:
         return []
     lines = tuple(_lines(root / name) for name in ("train.txt", "evaluation.txt"))
     version = "v2" if lines == HO3D["v2"] or "v2" in root.name.lower() else "v3"
-    truth = "with" if (root / "evaluation_xyz.json").is_file() else "without"
+    ground_truth = "with" if (root / "evaluation_xyz.json").is_file() else "without"
     expected = HO3D[version]
     found = (
         f"{version}: {lines[0]:,} of {expected[0]:,} training and {lines[1]:,} of {expected[1]:,} evaluation "
-        f"frames, {truth} evaluation_xyz.json; {root}"
+        f"frames, {ground_truth} evaluation_xyz.json; {root}"
     )
     cure = f"python -m hand_recon.prepare check data=ho3d data.root={root} data.version={version}"
     if lines == expected:

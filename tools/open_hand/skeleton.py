@@ -59,8 +59,8 @@ def build_skeleton(source: SourceHand) -> Skeleton:
     tips = np.zeros((5, 3))
     mesh = trimesh.Trimesh(source.vertices, source.faces, process=False)
     for position, finger in enumerate(ORDER):
-        place = _thumb_centres if finger == "thumb" else _finger_centres
-        joints[1 + 3 * position : 4 + 3 * position] = place(source, mesh, finger)
+        centres = _thumb_centres if finger == "thumb" else _finger_centres
+        joints[1 + 3 * position : 4 + 3 * position] = centres(source, mesh, finger)
         tips[position] = fingertip(source, finger)
     frames, rest_angles = axes_at_rest(joints, tips)
     return Skeleton(joints, tips, frames, rest_angles)
