@@ -190,9 +190,12 @@ class HandReconstruction(lightning.LightningModule):
         self.log_dict({f"val/{name}": value for name, value in self.validation.compute().items()})
         self.validation.reset()
 
-    def test_step(self, batch: HandBatch, batch_index: int) -> None:
-        """Update the scores of the test hands."""
-        self.test.update(batch, self(batch))
+    # Lightning hands any output to callbacks; its annotation allows tensors and mappings only.
+    def test_step(self, batch: HandBatch, batch_index: int) -> HandPrediction:  # type: ignore[override]
+        """Score the test hands; the prediction is for callbacks."""
+        prediction: HandPrediction = self(batch)
+        self.test.update(batch, prediction)
+        return prediction
 
     def on_test_epoch_end(self) -> None:
         """Log the test scores and reset them."""

@@ -1,4 +1,4 @@
-"""Eq. 2-3: a slow twin, what no rule may do, batches, gradients and switches."""
+"""Eq. 2-3: a slow reference, properties of all rules, batches, gradients and switches."""
 
 import math
 
@@ -85,7 +85,7 @@ def _written_out(
 
 
 def _share(angle: float, lower: float, upper: float, variant: str) -> float:
-    """How much of the other axis' freedom an angle takes."""
+    """Share of the other axis' range that an angle takes away."""
     if variant == "release":
         return min(max(angle, 0), math.radians(70)) / math.radians(70)
     return angle / lower if angle < 0 else angle / upper
@@ -122,7 +122,7 @@ def test_no_gradient_flows_through_the_bounds(ranges: RangeOfMotion) -> None:
     assert not refined.upper.requires_grad
     range_of_motion_loss(angles, refined).backward()
     assert angles.grad is not None
-    # 9 degrees where 10 · (1 − 60/80) = 2.5 are left; the bend that left them is not pulled.
+    # 9 degrees where 10 · (1 − 60/80) = 2.5 are left; the bend that causes this has no gradient.
     assert float(angles.grad[angle_index("index MCP", "splay")]) == pytest.approx(
         2 * math.radians(6.5)
     )

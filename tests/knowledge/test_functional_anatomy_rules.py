@@ -94,7 +94,7 @@ def test_a_splayed_mcp_bends_less(
 def test_a_flexed_dip_straightens_its_pip(
     ranges: RangeOfMotion, variant: str, dip: float, lower: float
 ) -> None:
-    """The released code asks the DIP's limit instead of its angle, so that its rule never fires."""
+    """The released code tests the DIP's bound instead of its angle, so its rule never applies."""
     degrees = {("middle DIP", "bend"): float(dip)}
     anatomy = only("pip_by_dip", variant)
     found = refined_degrees(anatomy, ranges, degrees, "middle PIP", "bend")
@@ -157,7 +157,7 @@ def test_every_rule_costs_a_pose_that_the_literature_alone_allows(
 
 
 def test_the_two_couplings_of_an_mcp_forbid_the_same_poses(ranges: RangeOfMotion) -> None:
-    """Both leave the poses whose shares of bend and splay add up to one; they price the rest apart."""
+    """Both allow shares of bend and splay that add up to at most one; the losses of other poses differ."""
     angles = torch.zeros(4000, 15, 3, dtype=torch.float64)
     span = ranges.upper[0] - ranges.lower[0]
     angles[:, 0] = ranges.lower[0] + torch.rand(4000, 3, dtype=torch.float64) * span

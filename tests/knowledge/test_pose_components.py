@@ -1,4 +1,4 @@
-"""The distance to the mean pose by a PCA: zero there, one a standard deviation away; and its table."""
+"""The distance to the mean pose in the space of a PCA, and its table."""
 
 from pathlib import Path
 
@@ -96,7 +96,7 @@ def test_the_shipped_table_is_what_the_tool_builds(shipped: dict[str, np.ndarray
     assert set(built) == set(shipped)
     np.testing.assert_allclose(built["mean"], shipped["mean"], atol=1e-6)
     np.testing.assert_allclose(built["deviations"], shipped["deviations"], rtol=1e-5)
-    # Components up to their sign; those of the smallest spreads may turn within their space.
+    # Components up to their sign; those of the smallest deviations may rotate within their space.
     spread = built["deviations"] > 1.01 * np.radians(2)
     cosine = np.abs((built["components"] * shipped["components"]).sum(axis=1))
     np.testing.assert_allclose(cosine[spread], 1.0, atol=1e-3)

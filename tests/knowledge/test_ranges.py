@@ -1,4 +1,4 @@
-"""The range tables are complete, cited and sane, and a user's own table is checked."""
+"""The range tables are complete, cited and plausible, and a user's own table is checked."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The landmark encoder: what it must not see, what it is told, and that error feedback fits landmarks."""
+"""The landmark encoder: dropped landmarks, confidence, and error feedback that fits landmarks."""
 
 from dataclasses import replace
 
@@ -71,7 +71,7 @@ def test_a_missing_landmark_changes_neither_the_features_nor_their_gradient(
 def test_the_regressor_does_not_see_a_missing_landmark_either(
     hand: HandModel, seen: HandBatch
 ) -> None:
-    """Its feedback is a projection error, which must not carry the label around the encoder."""
+    """Error feedback must not pass a dropped label around the encoder."""
     network = lifter(hand).eval()
     first, second = network(at_missing(seen, torch.nan)), network(at_missing(seen, 50.0))
     assert torch.equal(first.landmarks_3d, second.landmarks_3d)
@@ -87,7 +87,7 @@ def test_training_drops_landmarks_and_nothing_else_does(seen: HandBatch) -> None
     lost = many.labelled[0] & ~shown.labelled
     share = lost[:, many.labelled[0]].float().mean(dim=1)
     assert float(share.mean()) == pytest.approx(0.15, abs=0.015)
-    # From none to twice the share: hands of few landmarks and of all.
+    # From none to twice the share.
     assert (share == 0).any()
     assert float(share.max()) > 0.35
     assert many.labelled.all() == seen.labelled[0].all()
@@ -117,7 +117,7 @@ def test_an_unknown_confidence_is_none(encoder: LandmarkEncoder, seen: HandBatch
     assert torch.equal(none, unknown)
     told = encoder(seen)
     assert not torch.allclose(told[:5], none[:5])
-    # Zero is an answer, and not the same as no answer.
+    # A confidence of zero differs from an unknown confidence.
     zero = encoder(replace(seen, confidence=torch.zeros(6, 21)))
     assert not torch.allclose(zero[:5], none[:5])
 
@@ -169,7 +169,7 @@ def test_error_feedback_fits_landmarks_within_a_hundred_steps(hand: HandModel) -
 
 
 def test_every_round_corrects_the_last_ones_error(hand: HandModel) -> None:
-    """What a round sees is the projection error of the state before it, in units of 20 px."""
+    """A round sees the reprojection error of the state before it, in units of 20 px."""
     batch = views(hand, known_hands(hand, 3))
     network = lifter(hand).eval()
     for parameter in network.decoders.parameters():

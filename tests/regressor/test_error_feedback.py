@@ -1,4 +1,4 @@
-"""The regressor: shapes, where it starts, what it learns, and its errors."""
+"""The regressor: shapes, initial state, training, and error messages."""
 
 from pathlib import Path
 from urllib.error import URLError
@@ -17,7 +17,7 @@ from tests.support.tolerance import assert_close
 
 
 def crops(images: torch.Tensor, intrinsics: torch.Tensor | None = None) -> HandBatch:
-    """Pictures of which nothing else is known but, perhaps, their cameras."""
+    """Images without labels, with or without camera matrices."""
     count = len(images)
     return HandBatch(
         image=images,
@@ -118,7 +118,7 @@ def test_every_round_sees_a_rotation_of_orthonormal_columns(regressor: Regressor
     assert len(rounds) == 3
     for columns in rounds:
         assert_close(columns @ columns.mT, torch.eye(2).expand(3, 2, 2))
-    # What a round starts from is what the last one meant; only the columns' lengths are lost.
+    # A round starts from the last estimate; only the lengths of its columns change.
     correction = regressor.decoders["root"](regressor.regressor(seen[-1]))
     last = six_d_to_rotation(rounds[-1].flatten(-2) + correction)
     assert_close(answer.parameters.root_rotation, last)

@@ -1,4 +1,4 @@
-"""A discriminator beside a network: it takes its own steps, resumes with the run, and says what it needs."""
+"""Training with a discriminator: its steps, its checkpoints, and errors about missing data."""
 
 import copy
 from collections.abc import Callable
@@ -132,7 +132,7 @@ def test_the_best_checkpoint_is_not_chosen_by_a_discriminator_that_changes(
 
 
 class Without(HandDataModule):
-    """Views whose pose and shape nobody knows."""
+    """Views without known pose and shape."""
 
     name = "without"
 
@@ -168,7 +168,7 @@ def test_data_without_pose_and_shape_are_refused_with_the_cure(
 def test_the_real_hands_may_be_those_of_other_data(
     cache: Path, tmp_path: Path, views: Callable[[str], SyntheticHands]
 ) -> None:
-    """Trained on data that know no pose; the real hands are those of the sixteen named beside the prior."""
+    """The training data have no poses; the sixteen real hands are those of prior.adversarial.real."""
     splits = [partial(views, split) for split in ("train", "val", "test")]
     data = Without(*splits, crop_size=224, batch_size=16)
     other = {
@@ -205,7 +205,7 @@ def test_synthetic_hands_know_what_made_their_training_pictures(cache: Path) -> 
 
 
 def test_other_priors_pay_nothing_for_it(cache: Path, tmp_path: Path) -> None:
-    """No weights, no state, nothing logged, and no question to the data."""
+    """No weights, no state, nothing logged, and the data are not asked for 3D."""
 
     def never(self: HandDataModule, limit: int | None = None) -> None:
         raise AssertionError("Only prior=adversarial may ask for 3D.")

@@ -1,4 +1,4 @@
-"""The losses, the data term's stages, and what a training step refuses."""
+"""The losses, the stages of the data term, and errors in a training step."""
 
 import copy
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views
 
 pytestmark = pytest.mark.filterwarnings(
-    # Lightning's own, on Python 3.11 and this torch.
+    # From Lightning itself, on Python 3.11 with this torch.
     "ignore:.*treespec:FutureWarning",
     "ignore:.*LeafSpec",
     "ignore:.*does not have many workers",
@@ -148,7 +148,7 @@ def test_hands_without_3d_labels_are_validated_and_not_learnt_from(
 
 
 def near(hand: HandModel, module: HandReconstruction, off: float = 4.0) -> HandBatch:
-    """Landmarks about so many pixels from where the module sees them: σ stays within its bounds."""
+    """Landmarks about `off` pixels from the module's prediction, so that σ stays within its bounds."""
     hands = views(hand, known_hands(hand, 8))
     with torch.no_grad():
         found = module(hands).landmarks_2d
@@ -156,7 +156,7 @@ def near(hand: HandModel, module: HandReconstruction, off: float = 4.0) -> HandB
 
 
 class Switch(lightning.Callback):
-    """Looks at every step after its loss and before it changes a weight."""
+    """Records the stage and σ of every step, after the loss and before the weights change."""
 
     def __init__(self) -> None:
         self.stages: list[int] = []
@@ -196,7 +196,7 @@ def test_at_the_switch_sigma_starts_at_the_residuals_that_there_are(
     hands = near(hand, module)
     trainer(5, look).fit(module, loader(hands, 5))
     assert look.stages == [0, 0, 0, 1, 1]
-    # Before, σ is where it started, whatever the residuals are.
+    # Before the switch, σ has its initial value, whatever the residuals are.
     assert_close(look.predicted[2], torch.full((21, 2), 1.5))
     assert_close(look.predicted[3], look.expected[3])
     assert 0.8 < float(look.expected[3].mean()) < 2.0  # Four pixels are 1.4.
@@ -246,7 +246,7 @@ def test_a_loaded_checkpoint_has_the_loss_of_its_stage(
     again = lifter(staged())
     again.load_state_dict(state, strict=True)
     assert again.data_term.stage == 1
-    # No second switch, whenever the continued run asks.
+    # The continued run never switches again.
     assert not again.data_term.begin(step=9, epoch=3, total_steps=12)
     expected, found = (each.eval().losses(hands, each(hands)) for each in (module, again))
     assert_close(found["loss"], expected["loss"])

@@ -1,4 +1,4 @@
-"""3D labels for a share of the hands: which hands, what it costs, and what has no label."""
+"""3D labels for a share of the hands: the choice, the loss, and hands without label."""
 
 import itertools
 from dataclasses import replace
@@ -23,7 +23,7 @@ def seen(hand: HandModel) -> HandBatch:
 
 
 def predicted(batch: HandBatch, off: torch.Tensor) -> HandPrediction:
-    """The truth plus an error of each landmark, metres."""
+    """The ground truth plus an error of each landmark, metres."""
     assert batch.landmarks_3d is not None
     assert batch.intrinsics is not None
     count = len(batch)
@@ -65,14 +65,16 @@ def test_ten_millimetres_everywhere_weigh_as_five_pixels_do(seen: HandBatch) -> 
     off[:, ROOT_LANDMARK] = 0.0
     supervision = Landmarks3D()
     weighted = supervision.weight * supervision(seen, predicted(seen, off))
-    torch.testing.assert_close(weighted, torch.full((4,), 21 * 2 * 5.0**2 * 20 / 21), rtol=1e-3, atol=0)
+    torch.testing.assert_close(
+        weighted, torch.full((4,), 21 * 2 * 5.0**2 * 20 / 21), rtol=1e-3, atol=0
+    )
 
 
 @pytest.mark.parametrize("fraction", [0.01, 0.1, 0.5, 0.9])
 def test_about_the_share_that_was_asked_for_is_chosen(fraction: float) -> None:
     chosen = Landmarks3D(fraction).chosen(SET)
     assert float(chosen.float().mean()) == pytest.approx(fraction, rel=0.05)
-    # From everywhere in the set, neighbours apart: frames of one recording are alike.
+    # Spread over the whole set, because consecutive frames of a recording are similar.
     for part in chosen.chunk(10):
         assert float(part.float().mean()) == pytest.approx(fraction, rel=0.25)
 
@@ -84,7 +86,7 @@ def test_the_choice_is_fixed_and_smaller_shares_lie_in_larger_ones() -> None:
     assert chosen[3].all()
     for smaller, larger in itertools.pairwise(chosen):
         assert (larger | ~smaller).all()
-    # By place in the dataset alone: another order or batch, another run, the same hands.
+    # By index in the dataset alone: the same hands in any order, batch or run.
     order = torch.randperm(len(SET))
     assert torch.equal(Landmarks3D(0.1).chosen(SET[order]), chosen[1][order])
     assert torch.equal(Landmarks3D(0.1).chosen(SET[:64]), chosen[1][:64])

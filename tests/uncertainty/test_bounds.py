@@ -37,7 +37,7 @@ def test_it_rises_everywhere_and_its_slope_has_no_jump() -> None:
     (slope,) = torch.autograd.grad(bounded.sum(), raw)
     assert (bounded.diff() > 0).all()
     assert float(slope.max()) <= 1.0
-    # The slope's own slope is at most 2 / margin = 4.3; a jump of one would make 1000 of it.
+    # The second derivative is at most 2 / margin = 4.3; a jump of the first by one would give 1000.
     assert float(slope.diff().abs().max()) / 1e-3 < 4.4
 
 

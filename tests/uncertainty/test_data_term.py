@@ -1,4 +1,4 @@
-"""Every data term: one value per hand, whatever is labelled and however wild the numbers."""
+"""Every data term: one finite value per hand for any labels and any numbers."""
 
 import itertools
 import math
@@ -50,7 +50,7 @@ def test_five_pixels_everywhere_cost_1050() -> None:
 
 
 def test_five_pixels_everywhere_with_a_sigma_of_five_cost_89() -> None:
-    """42 · (log 5 + ½) = 88.6: what is left of the data term's weight after the switch."""
+    """42 · (log 5 + ½) = 88.6: the data term after the switch."""
     residual = torch.full((21, 2), 5.0)
     value = NegativeLogLikelihood()(residual, residual.log(), everything(()))
     assert float(value) == pytest.approx(88.596, abs=1e-3)
@@ -79,7 +79,7 @@ def test_unlabelled_landmarks_cost_nothing_and_pull_at_nothing_even_as_nan(term:
     labels[5:] = float("nan")
     labelled = torch.arange(21) < 5
     value = term(residual - labels, log_sigma, labelled, correlation)
-    # Worth the mean of five hands, each of which is one of the five landmarks 21 times over.
+    # Equal to the mean of five hands, each of which has one of the five landmarks 21 times.
     repeated = torch.arange(105) // 21
     few = [tensor.detach()[repeated].reshape(5, 21, *tensor.shape[1:]) for tensor in leaves]
     assert_close(value, term(few[0], few[1], everything((5,)), few[2]).mean())
@@ -100,7 +100,7 @@ def test_a_hand_without_labels_costs_nothing(term: DataTerm) -> None:
 WILD = list(
     itertools.product((-100.0, -12.0, 0.0, 12.0, 100.0), (0.0, 1e-30, -1e6, 1e6), (-1.0, 0.0, 1.0))
 )
-"""log σ, residual and correlation, far outside of what occurs."""
+"""log σ, residual and correlation far outside the usual range."""
 
 
 @every_term

@@ -1,4 +1,4 @@
-"""Eq. 7 and its relatives against torch.distributions, and where their minima lie."""
+"""Eq. 7 and its variants against torch.distributions, and their minima."""
 
 import math
 from collections.abc import Callable
@@ -141,7 +141,7 @@ def test_gradients_match_finite_differences() -> None:
     assert torch.autograd.gradcheck(gaussian, arguments[:2])
     assert torch.autograd.gradcheck(laplace, arguments[:2])
     assert torch.autograd.gradcheck(full_gaussian, arguments)
-    # The weight of β-NLL has no gradient, by design: only the residual's can be compared.
+    # The weight of β-NLL has no gradient by design, so only the gradient of the residual is compared.
     fixed = arguments[1].detach()
     assert torch.autograd.gradcheck(lambda leaf: beta_gaussian(leaf, fixed, 0.5), arguments[0])
 

@@ -1,4 +1,4 @@
-"""What the likelihood is for: labels of unequal noise (Sec. 3.3), on problems with known answers."""
+"""The likelihood on labels of unequal noise (Sec. 3.3), on problems with known solutions."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ def everything(hands: int) -> Tensor:
 
 
 def minimise(parameters: list[Tensor], loss: Callable[[], Tensor]) -> None:
-    """Go to the nearest minimum."""
+    """Descend to the nearest minimum."""
     optimizer = torch.optim.LBFGS(
         parameters, max_iter=500, tolerance_change=1e-12, line_search_fn="strong_wolfe"
     )
@@ -75,7 +75,7 @@ class LinearHands:
         return (self.features @ self.weights @ self.basis).unflatten(-1, (21, 2))
 
     def train(self, term: DataTerm) -> None:
-        """Until nothing moves, with a weak prior, so that the data term's weight plays a part."""
+        """Train until convergence, with a weak prior, so that the data term's weight matters."""
 
         def loss() -> Tensor:
             log_sigma = soft_bound(self.log_sigma).expand_as(self.labels)
@@ -86,11 +86,11 @@ class LinearHands:
 
     @torch.no_grad()
     def error(self) -> float:
-        """Mean distance from the true landmarks, which no training saw, pixels."""
+        """Mean distance to the ground truth landmarks, which are not used in training, pixels."""
         return float((self.projected() - self.truth).norm(dim=-1).mean())
 
     def train_staged(self, second: DataTerm) -> float:
-        """The paper's schedule, each stage to its end."""
+        """Train with the paper's schedule, each stage until convergence."""
         term = Staged(SquaredError(), second, switch_at=1, unit="step").double()
         self.train(term)
         term.observe(self.projected() - self.labels, everything(40))
@@ -105,7 +105,7 @@ class LinearHands:
 def test_with_unequal_noise_the_likelihood_beats_the_squared_error_rescaled_or_not(
     seed: int,
 ) -> None:
-    """On the way it finds the σ of the labels."""
+    """It also finds the σ of the labels."""
     hands = LinearHands.drawn(seed)
     hands.train(SquaredError())
     squared_error = hands.error()
@@ -115,13 +115,13 @@ def test_with_unequal_noise_the_likelihood_beats_the_squared_error_rescaled_or_n
     assert likelihood < 0.5 * squared_error
     assert likelihood < 0.5 * rescaled
     sigma = hands.log_sigma.detach().exp()
-    # 48 weights take up some of what 40 hands say: 4 standard errors of the mean, and that.
+    # Four standard errors of the mean, plus the overfitting of 48 weights to 40 hands.
     assert float(sigma[:10].mean()) == pytest.approx(2.0, rel=0.15)
     assert float(sigma[10:].mean()) == pytest.approx(16.0, rel=0.15)
 
 
 def test_with_equal_noise_the_rescaled_error_is_all_that_the_likelihood_does() -> None:
-    """The control: with one σ for all labels there is nothing to weigh, and both agree."""
+    """Control: with one σ for all labels, all landmarks have the same weight, and both agree."""
     errors = []
     for second in (RescaledSquaredError(), NegativeLogLikelihood()):
         hands = LinearHands.drawn(3)

@@ -1,4 +1,4 @@
-"""The schedule: one switch, at the time asked for, that survives a restart."""
+"""The schedule: one switch at the configured time, kept by checkpoints."""
 
 import copy
 import math
@@ -30,7 +30,7 @@ def everything(shape: tuple[int, ...]) -> Tensor:
 
 
 def switches(term: Staged, steps: range, total_steps: int = 100) -> list[int]:
-    """Steps before which the term says that it has switched."""
+    """Steps before which the term reports its switch."""
     return [
         step
         for step in steps
@@ -85,7 +85,7 @@ def test_a_run_interrupted_before_the_switch_makes_it_in_time() -> None:
     resumed.load_state_dict(copy.deepcopy(term.state_dict()))
     resumed.observe(torch.full((4, 21, 2), 5.0), everything((4,)))
     assert switches(resumed, range(30, 100)) == [50]
-    # (0.99 · 9 + 25) / 1.99: what was seen before the interruption counts.
+    # (0.99 · 9 + 25) / 1.99: residuals from before the interruption count.
     expected = 0.5 * math.log((RUNNING_DECAY * 9 + 25) / (RUNNING_DECAY + 1))
     assert_close(resumed.running_log_sigma(), torch.full((21, 2), expected))
 
@@ -135,7 +135,7 @@ def test_with_nothing_observed_sigma_starts_where_the_network_does() -> None:
 
 
 def test_at_the_switch_the_pull_falls_by_just_two_sigma_squared() -> None:
-    """With σ = running RMS the gradient 2e becomes e / σ²: no jump but the announced one."""
+    """With σ = running RMS, the gradient 2e becomes e / σ² and does not jump otherwise."""
     term, labelled = paper().double(), everything((16,))
     residual = (7 * torch.randn(16, 21, 2, dtype=torch.float64)).requires_grad_()
     term.observe(residual, labelled)
@@ -145,7 +145,7 @@ def test_at_the_switch_the_pull_falls_by_just_two_sigma_squared() -> None:
     (after,) = torch.autograd.grad(term(residual, log_sigma, labelled).sum(), residual)
     assert_close(before, 2 * residual.detach())
     assert_close(after, residual.detach() / torch.exp(2 * log_sigma))
-    # And log σ rests: on the mean over hands, nothing pulls at it.
+    # The gradient of log σ, averaged over hands, is zero.
     leaf = log_sigma.clone().requires_grad_()
     (on_sigma,) = torch.autograd.grad(term(residual.detach(), leaf, labelled).sum(), leaf)
     assert_close(on_sigma.sum(dim=0), torch.zeros(21, 2))
@@ -180,7 +180,7 @@ def test_times_without_meaning_are_refused_with_a_cure() -> None:
 
 
 def test_a_kept_balance_leaves_the_data_term_its_weight_against_the_prior() -> None:
-    """Of residuals that are alike, a gradient of 2e becomes 2σ² · e / σ²: the same."""
+    """For equal residuals, a gradient of 2e becomes 2σ² · e / σ², which is the same."""
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5, keep_balance=True)
     labelled = everything((4,))
     term.observe(torch.full((4, 21, 2), 3.0), labelled)

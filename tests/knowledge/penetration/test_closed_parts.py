@@ -50,7 +50,7 @@ def test_the_wrist_is_capped_with_the_right_side_out(hand: HandModel) -> None:
 def test_the_parts_together_wind_as_the_whole_hand_does(
     hand: HandModel, parts: ClosedParts
 ) -> None:
-    """Neighbours share the fans between them, which cancel: cutting loses nothing."""
+    """Adjacent parts share the fans between them, which cancel in the sum."""
     vertices = random_vertices(hand, 2, spread=0.9).double()
     places = vertices.flatten(0, 1)[torch.randint(1556, (300,))] + 0.004 * torch.randn(300, 3)
     asked = torch.arange(300) % 2

@@ -1,4 +1,4 @@
-"""Which vertices are inside another part, and what finding them takes."""
+"""Vertices inside another part, and the memory that finding them takes."""
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from tests.support.tolerance import assert_close
 
 
 def test_what_is_inside_is_inside_for_trimesh(hand: HandModel) -> None:
-    """An independent test by rays of each part alone; 1 mm and less from the skin it may err."""
+    """Against trimesh's ray test of each part, which may be wrong within 1 mm of the skin."""
     parts = closed_parts(hand)
     for vertices in random_vertices(hand, 3):
         points = np.concatenate([vertices.numpy(), parts.centres @ vertices.numpy()])

@@ -172,7 +172,7 @@ def test_the_gradient_moves_contacts_apart_and_nothing_else(
     moved = vertices.grad.norm(dim=-1) > 0
     assert bool(moved.any())
     assert not bool((moved & ~touched).any())
-    # Action and reaction: the hand as a whole is not pushed anywhere.
+    # The gradients add up to zero: the hand as a whole does not move.
     assert float(vertices.grad.sum(dim=1).abs().max()) < 1e-4
 
 

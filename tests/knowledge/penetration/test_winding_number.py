@@ -1,4 +1,4 @@
-"""The generalized winding number: how often a closed surface goes around a point."""
+"""The generalized winding number of closed surfaces."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_a_corner_of_a_cube_sees_the_eighth_of_directions_that_lead_inwards() ->
 
 
 def test_a_vertex_of_the_surface_is_above_one_only_inside_another_layer(hand: HandModel) -> None:
-    """Leaving its own triangles out tells the same as asking just outside the surface."""
+    """Without its own triangles, the result is that of a point just outside the surface."""
     vertices = random_vertices(hand, 1, spread=0.9).double()
     points, faces = capped(hand, vertices)
     hands = torch.zeros(778, dtype=torch.long)
@@ -68,7 +68,7 @@ def test_a_vertex_of_the_surface_is_above_one_only_inside_another_layer(hand: Ha
     assert int((just_outside >= 1).sum()) > 5, "the pose overlaps itself"
     away = torch.ones(778, dtype=torch.bool)
     away[hand.wrist_ring] = False
-    # Where skinning has turned the skin inside out, outside along the normal is inside: a few vertices.
+    # At a few vertices skinning has inverted the skin, and outside along the normal is inside.
     agree = ((on > 1) == (just_outside >= 1))[away]
     assert float(agree.double().mean()) > 0.995
 
@@ -96,7 +96,7 @@ def test_agrees_with_trimesh_about_random_hands(hand: HandModel) -> None:
         odd = turns.round().remainder(2) == 1
         agree = torch.tensor(mesh.contains(places.numpy())) == odd
         assert 20 < int(odd.sum()) < 180
-        # A ray that grazes an edge is counted wrongly now and then.
+        # A ray that grazes an edge is sometimes counted wrongly.
         assert float(agree.double().mean()) >= 0.99
 
 
@@ -124,7 +124,7 @@ def test_single_precision_tells_inside_from_outside(hand: HandModel) -> None:
     points, faces = capped(hand, random_vertices(hand, 2, spread=0.5).double())
     places, asked = 0.04 * torch.randn(400, 3, dtype=torch.float64), torch.arange(400) % 2
     exact = winding_number(places, asked, points, faces)
-    # As far from the origin as a hand is from a camera.
+    # At the distance of a hand from a camera.
     away = torch.tensor([0.1, 0.1, 0.7], dtype=torch.float64)
     single = winding_number((places + away).float(), asked, (points + away).float(), faces)
     assert float((single - exact).abs().max()) < 1e-2
