@@ -28,7 +28,7 @@ class Term(nn.Module, ABC):
     """
 
     needs_vertices: ClassVar[bool] = False
-    """Whether the loss is a function of the posed surface."""
+    """True if the loss is a function of the posed surface."""
 
     def __init__(self, hand: HandModel, *, weight: float) -> None:
         super().__init__()

@@ -59,7 +59,7 @@ class Landmarks3D(nn.Module):
         return error.square().sum(dim=(-2, -1))
 
     def chosen(self, index: Int[Tensor, " batch"]) -> Bool[Tensor, " batch"]:
-        """Whether the 3D label of each hand is used.
+        """Mask of hands whose 3D labels are used.
 
         Args:
             index: Positions in the dataset.

@@ -29,9 +29,9 @@ class DataTerm(nn.Module, ABC):
     """Base class of data terms, with or without stages."""
 
     needs_correlation: bool = False
-    """Whether a correlation of each landmark's two coordinates must be predicted."""
+    """True if a correlation of each landmark's two coordinates must be predicted."""
     learns_sigma: bool = False
-    """Whether σ is trained, so that it can be scored at the end of a run."""
+    """True if σ is trained, so that it can be scored at the end of a run."""
     stages: int = 1
     """Number of losses that follow each other during a run."""
 

@@ -18,8 +18,8 @@ BEND, SPLAY, TWIST = (AXES.index(axis) for axis in ("bend", "splay", "twist"))
 
 
 def _degrees(ranges: RangeOfMotion, joint: str, axis: str) -> tuple[float, float]:
-    place = ARTICULATED.index(joint), AXES.index(axis)
-    return round(math.degrees(ranges.lower[place]), 3), round(math.degrees(ranges.upper[place]), 3)
+    index = ARTICULATED.index(joint), AXES.index(axis)
+    return round(math.degrees(ranges.lower[index]), 3), round(math.degrees(ranges.upper[index]), 3)
 
 
 def _table(name: str) -> dict[str, Any]:

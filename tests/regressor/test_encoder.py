@@ -115,14 +115,14 @@ def test_an_unknown_confidence_is_none(encoder: LandmarkEncoder, seen: HandBatch
     none = encoder(replace(seen, confidence=None))
     unknown = encoder(replace(seen, confidence=torch.full((6, 21), torch.nan)))
     assert torch.equal(none, unknown)
-    told = encoder(seen)
-    assert not torch.allclose(told[:5], none[:5])
+    known = encoder(seen)
+    assert not torch.allclose(known[:5], none[:5])
     # A confidence of zero differs from an unknown confidence.
     zero = encoder(replace(seen, confidence=torch.zeros(6, 21)))
     assert not torch.allclose(zero[:5], none[:5])
 
 
-def test_without_confidence_nothing_is_told(seen: HandBatch) -> None:
+def test_without_confidence_the_features_ignore_it(seen: HandBatch) -> None:
     encoder = LandmarkEncoder(width=16, confidence=False).eval()
     assert torch.equal(encoder(seen), encoder(replace(seen, confidence=None)))
 

@@ -198,10 +198,10 @@ def test_synthetic_hands_know_what_made_their_training_pictures(cache: Path) -> 
         cache_dir=cache,
         pictures=False,
     )
-    truth = SyntheticHands("train", 32, 224, "hard", cache_dir=cache, pictures=False)
+    ground_truth = SyntheticHands("train", 32, 224, "hard", cache_dir=cache, pictures=False)
     some, everything = data.train_parameters(4), data.train_parameters()
-    assert torch.equal(everything.joint_angles, truth.parameters(slice(None)).joint_angles)
-    assert torch.equal(some.shape, truth.parameters(torch.tensor([0, 8, 16, 24])).shape)
+    assert torch.equal(everything.joint_angles, ground_truth.parameters(slice(None)).joint_angles)
+    assert torch.equal(some.shape, ground_truth.parameters(torch.tensor([0, 8, 16, 24])).shape)
 
 
 def test_other_priors_pay_nothing_for_it(cache: Path, tmp_path: Path) -> None:

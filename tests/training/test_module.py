@@ -128,8 +128,8 @@ def test_3d_labels_join_the_loss_only_where_they_are_given(
     assert "landmarks_3d" not in losses[0]
     about = prediction.landmarks_3d - prediction.landmarks_3d[:, 9:10]
     assert hands.landmarks_3d is not None
-    truth = hands.landmarks_3d - hands.landmarks_3d[:, 9:10]
-    expected = 500_000 * (about - truth).square().sum(dim=(1, 2)).mean()
+    ground_truth = hands.landmarks_3d - hands.landmarks_3d[:, 9:10]
+    expected = 500_000 * (about - ground_truth).square().sum(dim=(1, 2)).mean()
     assert_close(losses[1]["weighted/landmarks_3d"], expected)
     assert_close(losses[1]["loss"] - losses[0]["loss"], expected)
 

@@ -109,12 +109,12 @@ def test_hands_that_are_not_chosen_cost_nothing_and_pull_nothing(seen: HandBatch
 
 def test_a_hand_without_truth_is_masked_in_value_and_gradient(seen: HandBatch) -> None:
     assert seen.landmarks_3d is not None
-    truth = seen.landmarks_3d.clone()
-    truth[2] = torch.nan
-    truth[3, 5, 1] = torch.nan
+    ground_truth = seen.landmarks_3d.clone()
+    ground_truth[2] = torch.nan
+    ground_truth[3, 5, 1] = torch.nan
     leaf = torch.randn(4, 21, 3).requires_grad_()
     prediction = predicted(seen, 0.01 * leaf)
-    loss = Landmarks3D()(replace(seen, landmarks_3d=truth), prediction)
+    loss = Landmarks3D()(replace(seen, landmarks_3d=ground_truth), prediction)
     loss.sum().backward()
     assert (loss[:2] > 0).all()
     assert (loss[2:] == 0).all()

@@ -159,11 +159,11 @@ def test_the_rescaled_error_is_eq_7_with_one_sigma_up_to_a_constant() -> None:
     assert_close(likelihood - rescaled, torch.full((4,), 42 * math.log(3.0)))
 
 
-def test_the_rescaled_error_is_the_squared_error_until_it_is_told() -> None:
+def test_the_rescaled_error_is_the_squared_error_until_start_is_called() -> None:
     residual, log_sigma, _ = numbers((4,))
-    plain = SquaredError()(residual, log_sigma, everything((4,)))
+    squared = SquaredError()(residual, log_sigma, everything((4,)))
     rescaled = RescaledSquaredError().double()(residual, log_sigma, everything((4,)))
-    torch.testing.assert_close(rescaled, plain, rtol=1e-6, atol=0)
+    torch.testing.assert_close(rescaled, squared, rtol=1e-6, atol=0)
 
 
 def test_only_a_full_covariance_needs_a_correlation() -> None:

@@ -149,5 +149,5 @@ def test_gradients_match_finite_differences() -> None:
 def test_the_weight_of_beta_carries_no_gradient() -> None:
     residual, log_sigma, _ = numbers((2,))
     slope = gradient(lambda leaf: beta_gaussian(residual, leaf, 0.5), log_sigma)
-    plain = gradient(lambda leaf: gaussian(residual, leaf), log_sigma)
-    assert_close(slope, log_sigma.exp() * plain)
+    unweighted = gradient(lambda leaf: gaussian(residual, leaf), log_sigma)
+    assert_close(slope, log_sigma.exp() * unweighted)

@@ -51,7 +51,7 @@ class LinearHands:
 
     features: Tensor
     basis: Tensor
-    truth: Tensor
+    ground_truth: Tensor
     labels: Tensor
     weights: Tensor
     log_sigma: Tensor
@@ -64,11 +64,16 @@ class LinearHands:
             return torch.randn(*shape, generator=generator, dtype=torch.float64)
 
         features, basis = normal(40, 8), 15 * normal(6, 42)
-        truth = (features @ normal(8, 6) / math.sqrt(8) @ basis).unflatten(-1, (21, 2))
-        labels = truth + NOISE[:, None] * normal(40, 21, 2)
+        ground_truth = (features @ normal(8, 6) / math.sqrt(8) @ basis).unflatten(-1, (21, 2))
+        labels = ground_truth + NOISE[:, None] * normal(40, 21, 2)
         weights, log_sigma = torch.zeros(8, 6).double(), torch.zeros(21, 2).double()
         return cls(
-            features, basis, truth, labels, weights.requires_grad_(), log_sigma.requires_grad_()
+            features,
+            basis,
+            ground_truth,
+            labels,
+            weights.requires_grad_(),
+            log_sigma.requires_grad_(),
         )
 
     def projected(self) -> Tensor:
@@ -87,7 +92,7 @@ class LinearHands:
     @torch.no_grad()
     def error(self) -> float:
         """Mean distance to the ground truth landmarks, which are not used in training, pixels."""
-        return float((self.projected() - self.truth).norm(dim=-1).mean())
+        return float((self.projected() - self.ground_truth).norm(dim=-1).mean())
 
     def train_staged(self, second: DataTerm) -> float:
         """Train with the paper's schedule, each stage until convergence."""
@@ -125,7 +130,9 @@ def test_with_equal_noise_the_rescaled_error_is_all_that_the_likelihood_does() -
     errors = []
     for second in (RescaledSquaredError(), NegativeLogLikelihood()):
         hands = LinearHands.drawn(3)
-        hands.labels = hands.truth + 6.0 * (hands.labels - hands.truth) / NOISE[:, None]
+        hands.labels = (
+            hands.ground_truth + 6.0 * (hands.labels - hands.ground_truth) / NOISE[:, None]
+        )
         errors.append(hands.train_staged(second))
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 

@@ -79,8 +79,8 @@ def test_each_query_is_asked_about_its_own_hand(hand: HandModel) -> None:
     places = 0.04 * torch.randn(5, 3, dtype=torch.float64)
     actual = winding_number(places, asked, points, faces)
     one_by_one = [
-        reference.winding_number(place[None].numpy(), points[i][faces].numpy())
-        for place, i in zip(places, asked.tolist(), strict=True)
+        reference.winding_number(point[None].numpy(), points[i][faces].numpy())
+        for point, i in zip(places, asked.tolist(), strict=True)
     ]
     assert_close(actual, torch.tensor(np.concatenate(one_by_one)))
 
