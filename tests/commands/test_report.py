@@ -160,6 +160,16 @@ def test_runs_that_cannot_be_counted_are_named_with_the_reason(
     assert "8_unfinished</code>: unfinished" in (tmp_path / "out" / "table1.html").read_text()
 
 
+def test_a_run_with_the_settings_of_version_0_1_is_left_out(sweep: Path, tmp_path: Path) -> None:
+    """Its prior had other names, so that its knowledge would be read as none."""
+    config = settings(2, 7) | {
+        "prior": {"_target_": "hand_recon.knowledge.prior.Prior", "range_of_motion": 20_000.0}
+    }
+    write_run(sweep / "old", config, {"E_J": 9.0})
+    reasons = report(report_config(sweep, tmp_path / "out"))["left_out"]
+    assert "hand_recon 0.1" in reasons[str(sweep / "old")]
+
+
 def test_of_two_runs_with_one_seed_the_newer_counts(sweep: Path, tmp_path: Path) -> None:
     """The old row 4 says 9 mm, a repetition 7: the row is 7, not their mean, and the old one is named."""
     again = write_run(sweep / "again", settings(4, 0), {"E_J": 7.0})
