@@ -112,7 +112,7 @@ class _Translation:
         return [self._override(word)]
 
     def _is_path(self, word: str) -> bool:
-        """Whether a word is a path for a positional key, not an override."""
+        """True if a word is a path for a positional key, not an override."""
         match = _KEY.match(word)
         if match is None:
             return True
@@ -217,7 +217,7 @@ def quoted(value: str) -> str:
 
 
 def _is_hydra_syntax(value: str) -> bool:
-    """Whether a value is already quoted, a list or an interpolation, and not the name of a file."""
+    """True if a value is already quoted, a list or an interpolation, and not the name of a file."""
     written = re.fullmatch(r"'.*'|\".*\"|\[.*\]|.*\$\{.*", value, re.DOTALL)
     return written is not None and not Path(value).expanduser().exists()
 

@@ -13,7 +13,7 @@ from hand_recon.data.datamodule import HandDataModule
 from hand_recon.data.progress import with_progress
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.protocols.benchmarks import Protocol
-from hand_recon.schema import HandBatch
+from hand_recon.schema import HandBatch, HandPrediction
 
 MANO: Final = "mano"
 """Name of the hand model whose vertices the benchmarks score."""
@@ -60,11 +60,48 @@ def benchmark_of(data: HandDataModule, protocol: Protocol) -> Benchmark:
     return found
 
 
+class BenchmarkPredictions:
+    """Collects predictions and ground truth of a test set, batch by batch.
+
+    Args:
+        hand: Name of the module's hand model; vertices are collected only if it is MANO.
+    """
+
+    def __init__(self, hand: str) -> None:
+        self.hand = hand
+        self.columns: dict[str, list[Tensor]] = {}
+        self.indices: list[int] = []
+
+    def __call__(self, batch: HandBatch, prediction: HandPrediction) -> None:
+        """Add a batch; batch and prediction are on the CPU."""
+        self.indices += batch.index.tolist()
+        rows = {"landmarks": prediction.landmarks_3d, "true landmarks": batch.landmarks_3d}
+        if self.hand == MANO:
+            rows |= {"vertices": prediction.vertices, "true vertices": batch.vertices}
+        for name, points in rows.items():
+            if points is not None:
+                self.columns.setdefault(name, []).append(_unmirrored(points, batch))
+
+    def tested(self, data: HandDataModule) -> TestedHands:
+        """The test set in order.
+
+        Args:
+            data: Datamodule with the test set.
+
+        Raises:
+            ValueError: An image could not be read: benchmarks refuse a file that lacks a hand.
+        """
+        _check_order(self.indices, len(data.dataset("test")), data.name)
+        joined = {name: torch.cat(parts) for name, parts in self.columns.items()}
+        prediction = HandPoints(joined["landmarks"], joined.get("vertices"))
+        return TestedHands(prediction, _ground_truth_of(joined, len(prediction)))
+
+
 @torch.no_grad()
 def predict_test(
     module: nn.Module, data: HandDataModule, hand: str, device: str = "cpu"
 ) -> TestedHands:
-    """Reconstruct every test hand.
+    """Reconstruct every test hand, in one process.
 
     Args:
         module: Maps a batch to a prediction.
@@ -77,21 +114,10 @@ def predict_test(
     """
     module = module.to(device).eval()
     loader = data.test_dataloader()
-    columns: dict[str, list[Tensor]] = {}
-    indices: list[int] = []
+    collected = BenchmarkPredictions(hand)
     for batch in with_progress(loader, len(loader), "Predicting"):
-        found = module(to_float(batch.to(device))).to("cpu")
-        indices += batch.index.tolist()
-        rows = {"landmarks": found.landmarks_3d, "true landmarks": batch.landmarks_3d}
-        if hand == MANO:
-            rows |= {"vertices": found.vertices, "true vertices": batch.vertices}
-        for name, points in rows.items():
-            if points is not None:
-                columns.setdefault(name, []).append(_unmirrored(points, batch))
-    _check_order(indices, len(data.dataset("test")), data.name)
-    joined = {name: torch.cat(parts) for name, parts in columns.items()}
-    prediction = HandPoints(joined["landmarks"], joined.get("vertices"))
-    return TestedHands(prediction, _ground_truth_of(joined, len(prediction)))
+        collected(batch, module(to_float(batch.to(device))).to("cpu"))
+    return collected.tested(data)
 
 
 def _unmirrored(

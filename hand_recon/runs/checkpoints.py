@@ -18,16 +18,16 @@ from hand_recon.runs.configuration import refuse_untrusted
 from hand_recon.training.module import HandReconstruction
 
 CONFIG_KEY: Final = "hand_recon_config"
-"""Where a checkpoint keeps the resolved configuration, as plain data."""
+"""Key of the resolved configuration in a checkpoint, as plain data."""
 
 MEAN_POSE_KEY: Final = "hand_recon_mean_pose"
-"""Where a checkpoint keeps the mean training hand: `landmarks` and `vertices`, metres, where known."""
+"""Key of the mean training hand: `landmarks` and, where known, `vertices`, metres."""
 
 VERSION_KEY: Final = "hand_recon_version"
-"""Where a checkpoint keeps the version of hand_recon that wrote it; 0.1 did not write it."""
+"""Key of the version of hand_recon that wrote the checkpoint; 0.1 wrote none."""
 
 HAND_KEY: Final = "hand_recon_hand"
-"""Where a checkpoint keeps the fingerprint of the hand that it was trained with."""
+"""Key of the fingerprint of the hand that the model was trained with."""
 
 
 BUILT: Final = ("hand", "model", "prior", "data_term", "supervision", "data")
@@ -61,7 +61,7 @@ class ConfigInCheckpoint(lightning.Callback):
 
 
 def fingerprint(hand: HandModel) -> str:
-    """What tells one hand's asset from another: a digest of everything but its landmark set."""
+    """Digest of a hand model's arrays, without its landmark set: equal for equal assets."""
     digest = hashlib.sha256()
     for name, buffer in sorted(hand.named_buffers()):
         if name != "landmark_regressor":
@@ -97,7 +97,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
 
 @dataclass(frozen=True)
 class Trained:
-    """What a checkpoint holds."""
+    """A trained module with its configuration."""
 
     module: HandReconstruction
     """With the trained weights, in evaluation mode."""

@@ -90,32 +90,52 @@ def refuse_untrusted(config: DictConfig, source: str, version: str | None = None
         ValueError: A `_target_` is neither in `TRUSTED` nor in the environment's HAND_RECON_TRUSTED.
     """
     allowed = TRUSTED | set(os.environ.get("HAND_RECON_TRUSTED", "").split(","))
-    # Resolved, so that nothing hides behind a reference; missing values are the target's business.
-    for target in _targets(OmegaConf.to_container(config, resolve=True)):
-        if target in allowed:
-            continue
-        if target.startswith("hand_recon."):
+    refuse_outdated(config, source, version)
+    for target in _targets(config):
+        if target not in allowed:
+            raise ValueError(
+                f"{source} asks to call {target!r}, which is not among the targets that are known to be "
+                "harmless. If the checkpoint and the target are yours, set "
+                f"HAND_RECON_TRUSTED={target} in the environment."
+            )
+
+
+def refuse_outdated(config: DictConfig, source: str, version: str | None = None) -> None:
+    """Check that this version has everything of its own that a checkpoint's configuration names.
+
+    Args:
+        config: The parts that will be built.
+        source: The file, for the message.
+        version: Version of hand_recon that wrote it, where the file says.
+
+    Raises:
+        ValueError: A `_target_` of hand_recon is not among `TRUSTED`.
+    """
+    for target in _targets(config):
+        if target.startswith("hand_recon.") and target not in TRUSTED:
             raise ValueError(
                 f"{source} names {target!r}, which hand_recon {__version__} does not have: it was written by "
                 f"hand_recon {version or '0.1'}. Use that version, or train again."
             )
-        raise ValueError(
-            f"{source} asks to call {target!r}, which is not among the targets that are known to be "
-            f"harmless. If the checkpoint and the target are yours, set HAND_RECON_TRUSTED={target} in the "
-            "environment."
-        )
 
 
-def _targets(node: object) -> Iterator[str]:
-    """Every `_target_` of a configuration."""
+def _targets(config: DictConfig) -> list[str]:
+    """Every `_target_` of a configuration.
+
+    References are resolved first, so that nothing hides behind one; missing values are the target's business.
+    """
+    return list(_targets_of(OmegaConf.to_container(config, resolve=True)))
+
+
+def _targets_of(node: object) -> Iterator[str]:
     if isinstance(node, Mapping):
         if "_target_" in node:
             yield str(node["_target_"])
         for value in node.values():
-            yield from _targets(value)
+            yield from _targets_of(value)
     elif isinstance(node, list):
         for value in node:
-            yield from _targets(value)
+            yield from _targets_of(value)
 
 
 def build_hand(config: DictConfig) -> HandModel:

@@ -21,11 +21,11 @@ from hand_recon.inspection.machine import (
 )
 
 MARKS: Final = {"good": "[green]✓[/green]", "absent": "[yellow]–[/yellow]", "wrong": "[red]✗[/red]"}
-"""How states are shown."""
+"""Symbol of each state."""
 
 
 COMMANDS: Final = ("python ", "make ")
-"""How cures start that can be typed; the others are advice."""
+"""First words of cures that are commands; other cures are advice."""
 
 
 def examine(config: DictConfig) -> dict[str, list[Finding]]:
@@ -50,7 +50,7 @@ def examine(config: DictConfig) -> dict[str, list[Finding]]:
 
 
 def next_command(sections: dict[str, list[Finding]]) -> str:
-    """What to type next: mend what is broken, else look at the data that are there, else the first run."""
+    """Next command to type: repair what is broken, else check the data that are there, else the first run."""
     findings = [finding for section in sections.values() for finding in section]
     commands = [one for one in findings if one.cure.startswith(COMMANDS)]
     broken = [one for one in commands if one.state == "wrong"]

@@ -9,16 +9,20 @@ import torch
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon.data.datamodule import HandDataModule
-from hand_recon.protocols.benchmark_predictions import benchmark_of, predict_test
+from hand_recon.protocols.benchmark_predictions import (
+    BenchmarkPredictions,
+    TestedHands,
+    benchmark_of,
+    predict_test,
+)
 from hand_recon.protocols.benchmarks import Protocol, protocol_named
 from hand_recon.protocols.scoring import print_scores, submit
 from hand_recon.protocols.submission import rooted
 from hand_recon.runs.building import build_data, check_input
 from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.configuration import claim_folder, configure_process, use_cache
-from hand_recon.runs.results import Run, finish_run, write_json
+from hand_recon.runs.results import Run, finish_run, sees_all_batches, write_json
 from hand_recon.runs.training_progress import quiet_libraries
-from hand_recon.training.module import HandReconstruction
 
 logger = logging.getLogger(__name__)
 
@@ -62,9 +66,16 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     if protocol is not None:
         # Before anything is predicted.
         benchmark_of(data, protocol)
-    metrics = finish_run(Run(trained, folder, loaded.module, data, mean, facts))
+    hand = loaded.module.regressor.hand.name
+    collected = BenchmarkPredictions(hand)
+    observers = () if protocol is None else (collected,)
+    metrics = finish_run(Run(trained, folder, loaded.module, data, mean, facts, observers))
     if protocol is not None:
-        metrics["official"] = _submit(loaded.module, data, protocol, folder, _device(config))
+        if sees_all_batches(trained):
+            tested = collected.tested(data)
+        else:
+            tested = predict_test(loaded.module, data, hand, _device(config))
+        metrics["official"] = _submit(tested, hand, data, protocol, folder)
         write_json(folder / "metrics.json", metrics)
     return metrics
 
@@ -76,15 +87,10 @@ def _device(config: DictConfig) -> str:
 
 
 def _submit(
-    module: HandReconstruction,
-    data: HandDataModule,
-    protocol: Protocol,
-    folder: Path,
-    device: str,
+    tested: TestedHands, hand: str, data: HandDataModule, protocol: Protocol, folder: Path
 ) -> dict[str, Any]:
-    """Write what the benchmark's server takes; its scores as well, if the truth is known here."""
+    """Write the files for the benchmark's server; score them, too, if the ground truth is known."""
     benchmark = benchmark_of(data, protocol)
-    tested = predict_test(module, data, module.regressor.hand.name, device)
     ids = None if benchmark.ids is None else torch.from_numpy(benchmark.ids)
     wrists = None if benchmark.wrists is None else torch.from_numpy(benchmark.wrists)
     # Once: what is scored here is what is written.
@@ -92,11 +98,11 @@ def _submit(
     if points.vertices is None and protocol.scores_vertices:
         logger.warning(
             "The hand %r is not MANO: the file has no surfaces, and the server's scores of surfaces mean "
-            "nothing.", module.regressor.hand.name,
+            "nothing.", hand,
         )  # fmt: skip
     submit(protocol.name, points.landmarks, points.vertices, folder / "submission", ids=ids)
     if tested.ground_truth is None:
-        logger.warning("%s does not tell the truth of its test hands: no scores.", data.name)
+        logger.warning("%s has no ground truth of its test hands: no scores.", data.name)
         return {}
     official = protocol.scores(tested.ground_truth, points)
     print_scores(official)

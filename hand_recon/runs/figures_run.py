@@ -35,21 +35,21 @@ from hand_recon.visualization.paper_figures import (
 logger = logging.getLogger(__name__)
 
 NAMES: Final = ("fig3.png", "fig4a.png", "fig4b.png")
-"""What is written: knowledge, likelihood, ranking."""
+"""Files that are written: knowledge, likelihood, ranking."""
 
 _MILLIMETRES: Final = 1000.0
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What the rows of Table 1 say of the same test hands."""
+    """Predictions of the rows of Table 1 for the same test hands."""
 
     titles: tuple[str, ...]
     """As in Fig. 3."""
     predictions: tuple[HandPrediction, ...]
     """One per row, of the whole pool."""
     uncertain: bool
-    """Whether the last row has learnt σ."""
+    """True if the last row has learnt σ."""
     batch: HandBatch
     """The pool of test hands."""
     faces: torch.Tensor

@@ -1,4 +1,4 @@
-"""What a run leaves behind: scores beside a baseline, pictures, a report that opens offline."""
+"""Writes the results of a run: scores beside a baseline, images, a report that opens offline."""
 
 import csv
 import json
@@ -23,9 +23,9 @@ from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.baseline import mean_pose_baseline
-from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.runs.configuration import instantiate
+from hand_recon.runs.observers import ConstantHand, ObservedTest, Observer
 from hand_recon.runs.training_progress import is_interactive
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.module import HandReconstruction
@@ -60,7 +60,9 @@ class Run:
     mean_pose: HandPoints | None
     """The constant predictor to compare with; none where the training data have no 3D."""
     facts: dict[str, Any]
-    """What is already known of the run, for `metrics.json`."""
+    """Further entries of `metrics.json`."""
+    observers: tuple[Observer, ...] = ()
+    """Called with every test batch and its prediction, if one process sees all of them."""
 
 
 def finish_run(run: Run) -> dict[str, Any]:
@@ -69,7 +71,8 @@ def finish_run(run: Run) -> dict[str, Any]:
     Returns:
         What `metrics.json` holds.
     """
-    scores = _test(run)
+    constant = None if run.mean_pose is None else ConstantHand(run.mean_pose, ALIGNED)
+    scores = _test(run, constant)
     metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
@@ -83,8 +86,11 @@ def finish_run(run: Run) -> dict[str, Any]:
     # At once, and again with the baseline: no later failure may cost the scores.
     write_json(run.folder / "metrics.json", metrics)
     _write_per_hand(run)
-    if run.mean_pose is not None:
-        metrics["mean_pose"] = _mean_pose_scores(run.mean_pose, run.data)
+    if constant is not None:
+        if not sees_all_batches(run.config):
+            for batch in run.data.test_dataloader():
+                constant(batch)
+        metrics["mean_pose"] = constant.scores()
         write_json(run.folder / "metrics.json", metrics)
     _print_table(scores, metrics["mean_pose"], run.data.name)
     if "E_V" not in scores:
@@ -105,14 +111,16 @@ def mean_pose(data: HandDataModule) -> HandPoints | None:
     return None if truth is None else mean_pose_baseline(HandPoints(*truth))
 
 
-def _test(run: Run) -> dict[str, float]:
+def _test(run: Run, constant: ConstantHand | None) -> dict[str, float]:
     """Scores on the test hands, in single precision whatever the training's was."""
+    observers = run.observers if constant is None else (*run.observers, constant)
     trainer = instantiate(
         run.config.trainer,
         precision="32-true",
         logger=False,
         enable_checkpointing=False,
         enable_progress_bar=is_interactive(),
+        callbacks=[ObservedTest(*observers)] if sees_all_batches(run.config) else [],
     )
     trainer.test(run.module, datamodule=run.data, verbose=False)
     return {
@@ -120,6 +128,12 @@ def _test(run: Run) -> dict[str, float]:
         for name, value in trainer.callback_metrics.items()
         if name.startswith("test/")
     }
+
+
+def sees_all_batches(config: DictConfig) -> bool:
+    """True if one process tests every batch: a trainer of one device on one machine."""
+    trainer = config.trainer
+    return trainer.get("devices", 1) in (1, "1", [0]) and trainer.get("num_nodes", 1) == 1
 
 
 def _write_per_hand(run: Run) -> None:
@@ -138,23 +152,6 @@ def write_per_hand(path: Path, index: Tensor, columns: dict[str, Tensor]) -> Non
             index.tolist(), torch.stack(list(columns.values()), dim=1).tolist(), strict=True
         ):
             writer.writerow([place, *(f"{value:.6g}" for value in values)])
-
-
-def _mean_pose_scores(mean: HandPoints, data: HandDataModule) -> dict[str, float]:
-    """What one constant hand scores on every test picture; only aligned scores mean anything for it."""
-    metric = HandMetrics()
-    for batch in data.test_dataloader():
-        if batch.landmarks_3d is None:
-            return {}
-        vertices = None
-        if batch.vertices is not None and mean.vertices is not None:
-            vertices = mean.vertices.expand(len(batch), -1, -1)
-        metric.update(
-            HandPoints(mean.landmarks.expand(len(batch), -1, -1), vertices),
-            HandPoints(batch.landmarks_3d, None if vertices is None else batch.vertices),
-            batch.index,
-        )
-    return {name: value for name, value in metric.compute().items() if name in ALIGNED}
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -196,7 +193,7 @@ class _Shown:
     batch: HandBatch
     """As the dataset gives them."""
     prediction: HandPrediction
-    """Of them."""
+    """Predictions for those hands."""
 
 
 @torch.no_grad()

@@ -1,4 +1,4 @@
-"""Going on with an interrupted run: in a folder of its own, with the settings and the best of the old one."""
+"""Continues an interrupted run in a new folder, with the settings and the best checkpoint of the old one."""
 
 import logging
 import shutil
@@ -10,8 +10,8 @@ from typing import Any, Final
 import lightning
 from omegaconf import DictConfig
 
-from hand_recon.runs.checkpoints import read_checkpoint
-from hand_recon.runs.configuration import plain
+from hand_recon.runs.checkpoints import VERSION_KEY, read_checkpoint
+from hand_recon.runs.configuration import plain, refuse_outdated
 
 logger = logging.getLogger(__name__)
 
@@ -19,12 +19,12 @@ MUST_MATCH: Final = (
     "seed", "crop_size", "data", "hand", "model", "prior", "data_term", "supervision",
     "optimizer",
 )  # fmt: skip
-"""What a continued run must share with the run it continues."""
+"""Settings that a continued run shares with the run that it continues."""
 
 OF_THE_MACHINE: Final = frozenset(
     {"cache_dir", "root", "eval_root", "workers", "render_workers", "weights"}
 )
-"""Settings that may differ: where things lie, and how many processes there are."""
+"""Settings that may differ: paths of files and numbers of processes."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Earlier:
     """The run that is continued."""
 
     last: Path
-    """Its last checkpoint."""
+    """Last checkpoint."""
     best: Path
-    """Its best checkpoint."""
+    """Best checkpoint."""
     score: float
-    """Validation loss of the best."""
+    """Validation loss of the best checkpoint."""
     epochs: int
-    """Epochs behind it."""
+    """Finished epochs."""
 
 
 def earlier_run(config: DictConfig) -> Earlier | None:
@@ -53,6 +53,7 @@ def earlier_run(config: DictConfig) -> Earlier | None:
     path = Path(config.resume).expanduser()
     path = path / "checkpoints" / "last.ckpt" if path.is_dir() else path
     checkpoint, saved = read_checkpoint(path)
+    refuse_outdated(saved, str(path), checkpoint.get(VERSION_KEY))
     before, now = dict(_settings(plain(saved))), dict(_settings(plain(config)))
     changed = sorted(key for key in before | now if before.get(key) != now.get(key))
     if changed:

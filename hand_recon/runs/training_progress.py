@@ -14,7 +14,7 @@ _LINES_PER_RUN = 40
 
 
 def is_interactive() -> bool:
-    """Whether the output goes to a terminal."""
+    """True if the output goes to a terminal."""
     return sys.stderr.isatty()
 
 

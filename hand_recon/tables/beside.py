@@ -175,7 +175,7 @@ def _share_experiment(ours: _Ours) -> str | None:
 
 
 def _is_compared_with(ours: _Ours, others: Sequence[Experiment]) -> bool:
-    """Whether a run has full knowledge, no 3D labels, and the data term of one of the others."""
+    """True if a run has full knowledge, no 3D labels, and the data term of one of the others."""
     if not is_full_knowledge(ours.settings) or share_of_3d(ours.settings):
         return False
     own = _data_term(ours.experiment)

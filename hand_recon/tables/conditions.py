@@ -77,12 +77,12 @@ def share_of_3d(settings: Settings) -> float:
 
 
 def is_adversarial(settings: Settings) -> bool:
-    """Whether the prior has a discriminator."""
+    """True if the prior has a discriminator."""
     return bool(_number(settings.get("prior.adversarial.weight")))
 
 
 def is_full_knowledge(settings: Settings) -> bool:
-    """Whether the prior is the paper's."""
+    """True if the prior is the paper's."""
     return not list(_prior(settings, "full"))
 
 

@@ -23,7 +23,7 @@ class Interval:
     """Upper end."""
 
     def excludes(self, value: float) -> bool:
-        """Whether a value lies outside the interval."""
+        """True if a value lies outside the interval."""
         return not self.low <= value <= self.high
 
 

@@ -68,7 +68,7 @@ def knowledge_of(method: Mapping[str, str]) -> tuple[bool, bool, bool, bool]:
 
 
 def is_papers(method: Mapping[str, str], row: PaperRow) -> tuple[bool, bool]:
-    """Whether a method has the knowledge of a row, and whether its data term is the paper's own kind.
+    """Two flags: a method has the knowledge of a row; its data term is the paper's own kind.
 
     Args:
         method: Settings by dotted name, as text.
@@ -78,7 +78,7 @@ def is_papers(method: Mapping[str, str], row: PaperRow) -> tuple[bool, bool]:
 
 
 def has_papers_likelihood(method: Mapping[str, str]) -> bool:
-    """Whether a method's data term is the NLL of Sec. 3.3, from the start or after the squared error.
+    """True if a method's data term is the NLL of Sec. 3.3, from the start or after the squared error.
 
     Args:
         method: Settings by dotted name, as text.

@@ -46,7 +46,7 @@ class Experiment:
     runs: tuple[FinishedRun, ...]
     """Runs, one per seed, sorted by seed."""
     in_table: bool
-    """Whether the experiment represents a row of Table 1."""
+    """True if the experiment represents a row of Table 1."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def _importance(study: Study) -> tuple[int, int, str]:
 
 
 def _begins(name: str, prefixes: Iterable[str]) -> bool:
-    """Whether a dotted name begins with one of some prefixes, in which `*` stands for any one part."""
+    """True if a dotted name begins with one of some prefixes, in which `*` stands for any one part."""
     parts = name.split(".")
     return any(
         len(wanted) <= len(parts)
