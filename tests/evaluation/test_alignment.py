@@ -1,4 +1,4 @@
-"""Alignment: equal to SciPy's, blind or not blind to mirrors, and finite whatever comes."""
+"""Alignment: equal to SciPy's, with and without reflections, and finite for degenerate points."""
 
 from collections.abc import Callable
 
@@ -41,7 +41,7 @@ def test_agrees_with_scipy_hand_by_hand(name: str, batch: tuple[int, ...]) -> No
     twin = getattr(reference, f"align_{name}")
     pairs = zip(ground_truth.reshape(-1, 21, 3), prediction.reshape(-1, 21, 3), strict=True)
     expected = np.stack([twin(t.numpy(), p.numpy()) for t, p in pairs]).reshape(*batch, 21, 3)
-    # The offset of 1e-8 on the norms moves the last digits; only the official twin has it.
+    # The offset of 1e-8 on the norms moves the last digits; only the official reference has it.
     tolerance = 1e-12 if name == "official" else 1e-6
     actual = ALIGNMENTS[name](ground_truth, prediction)
     torch.testing.assert_close(actual, torch.from_numpy(expected), rtol=0, atol=tolerance)
@@ -81,7 +81,7 @@ def test_aligning_twice_is_aligning_once_up_to_scale(align: Alignment) -> None:
     torch.testing.assert_close(align(ground_truth, once), once, rtol=0, atol=1e-7)
 
 
-def test_a_mirrored_hand_is_perfect_officially_and_bad_properly() -> None:
+def test_a_mirrored_hand_has_no_error_officially_and_a_large_one_without_reflections() -> None:
     ground_truth = cloud(4, 21)
     mirrored = ground_truth * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
     assert point_errors(ground_truth, align_official(ground_truth, mirrored)).max() < 1e-7
@@ -92,7 +92,7 @@ def test_a_mirrored_hand_is_perfect_officially_and_bad_properly() -> None:
     assert not fit_similarity(ground_truth, mirrored, reflections=False).mirrors.any()
 
 
-def test_the_two_alignments_are_one_for_a_good_prediction() -> None:
+def test_both_alignments_are_equal_for_a_good_prediction() -> None:
     ground_truth = cloud(50, 21)
     prediction = ground_truth + cloud(50, 21, seed=1, size=0.002)
     assert torch.equal(
@@ -105,8 +105,8 @@ def test_proper_alignment_is_the_best_of_all_rotations() -> None:
     best = fit_similarity(ground_truth, prediction, reflections=False)
     error = (ground_truth - best.apply(prediction)).square().sum()
     for seed in range(200):
-        turned = (prediction - best.source) @ rotation(seed) * best.scale + best.target
-        assert (ground_truth - turned).square().sum() >= error
+        rotated = (prediction - best.source) @ rotation(seed) * best.scale + best.target
+        assert (ground_truth - rotated).square().sum() >= error
 
 
 @pytest.mark.parametrize("align", ALIGNMENTS.values(), ids=ALIGNMENTS)
@@ -138,10 +138,10 @@ def test_root_relative_puts_the_root_at_the_origin() -> None:
     assert_close(root_relative(points, points[:, 0])[:, 0], torch.zeros(2, 3).double())
 
 
-def test_scale_and_translation_do_not_turn_the_hand() -> None:
+def test_scale_and_translation_do_not_rotate_the_hand() -> None:
     ground_truth = cloud(2, 21)
-    turned = 2.5 * ground_truth @ rotation(1) + 0.3
-    aligned = align_scale_translation(ground_truth, turned)
+    rotated = 2.5 * ground_truth @ rotation(1) + 0.3
+    aligned = align_scale_translation(ground_truth, rotated)
     expected = (ground_truth - ground_truth[:, :1]) @ rotation(1) + ground_truth[:, :1]
     assert_close(aligned, expected)
 

@@ -1,4 +1,4 @@
-"""The mean hand: of the hands' form, whatever their pose in space."""
+"""Mean hand: independent of the hands' positions and orientations."""
 
 import pytest
 import torch
@@ -12,7 +12,7 @@ from tests.support.tolerance import assert_close
 
 
 def moved(points: Tensor) -> Tensor:
-    """Every hand turned and shifted at random."""
+    """Every hand randomly rotated and translated."""
     rotation = torch.linalg.qr(torch.randn(len(points), 3, 3).double())[0]
     rotation = rotation * torch.linalg.det(rotation)[:, None, None]
     return points @ rotation + torch.randn(len(points), 1, 3)
@@ -23,7 +23,7 @@ def variants(count: int, noise: float = 0.01) -> Tensor:
     return hand + noise * torch.randn(count, 21, 3)
 
 
-def test_the_mean_of_one_hand_moved_about_is_that_hand() -> None:
+def test_the_mean_of_one_hand_in_several_orientations_is_that_hand() -> None:
     hand = variants(1)
     mean = procrustes_mean(moved(hand.expand(5, -1, -1)))
     torch.testing.assert_close(align_proper(hand[0], mean), hand[0], rtol=0, atol=1e-7)
@@ -31,18 +31,18 @@ def test_the_mean_of_one_hand_moved_about_is_that_hand() -> None:
     assert_close(torch.linalg.matrix_norm(mean), size)
 
 
-def test_the_first_hand_says_how_the_mean_is_turned() -> None:
+def test_the_mean_has_the_first_hands_orientation() -> None:
     hands = variants(1)
     assert_close(procrustes_mean(hands), hands[0] - hands[0].mean(dim=0))
 
 
-def test_two_sizes_give_the_size_between() -> None:
+def test_the_size_is_the_mean_of_the_sizes() -> None:
     hand = variants(1)
     mean = procrustes_mean(torch.cat([hand, 3 * hand]))
     assert_close(mean, 2 * (hand[0] - hand[0].mean(dim=0)))
 
 
-def test_where_the_hands_are_and_how_they_are_turned_does_not_matter() -> None:
+def test_positions_and_orientations_of_the_hands_do_not_matter() -> None:
     hands = variants(30)
     mean, other = procrustes_mean(hands), procrustes_mean(moved(hands))
     torch.testing.assert_close(align_proper(mean, other), mean, rtol=0, atol=1e-7)
@@ -66,7 +66,7 @@ def test_the_surface_follows_the_landmarks() -> None:
     assert baseline.vertices is not None
     assert baseline.vertices.shape == (1, 5, 3)
     assert_close(baseline.landmarks, mean_pose_baseline(HandPoints(both[:, :21])).landmarks)
-    # Ten millimetres, but for the random hands' different turns.
+    # Ten millimetres, except for the different orientations of the random hands.
     offset = (baseline.vertices - baseline.landmarks[:, :5]).norm(dim=-1)
     torch.testing.assert_close(offset, torch.full_like(offset, 0.01), rtol=0.05, atol=0)
 

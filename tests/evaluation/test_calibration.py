@@ -22,7 +22,7 @@ HANDS = 500
 
 
 def drawn(factor: float = 1.0) -> tuple[Tensor, Tensor, Tensor]:
-    """Residuals from a σ between 1 and 20 px per landmark, log of `factor` times it, and it."""
+    """Residuals for a σ of 1 to 20 px per landmark, the logarithm of `factor` times σ, and σ."""
     noise = torch.exp(torch.rand(HANDS, 21) * math.log(20))
     residual = noise[..., None] * torch.randn(HANDS, 21, 2)
     return residual, (factor * noise).log()[..., None].expand(HANDS, 21, 2), noise
@@ -65,7 +65,7 @@ def test_a_wrong_scale_shows_in_coverage_and_not_in_ranks(
     assert found["ECE"] > 0.1
 
 
-def test_a_hand_computed_hand() -> None:
+def test_scores_agree_with_a_calculation_by_hand() -> None:
     """σ = (3, 4) at the wrist, whose RMS is √12.5; (1, 1) at landmark 1; the others unlabelled."""
     residual = torch.full((1, 21, 2), float("nan"))
     residual[0, 0] = torch.tensor([-3.0, 8.5])  # 1.0 σ and 2.125 σ.
@@ -85,7 +85,7 @@ def test_a_hand_computed_hand() -> None:
     assert found["sigma_median"] == pytest.approx(1.0)
 
 
-def test_sigma_that_knows_nothing_has_no_rank() -> None:
+def test_an_unrelated_sigma_has_no_rank_correlation() -> None:
     residual, log_sigma, noise = drawn()
     unknowing = log_sigma[torch.randperm(HANDS)]
     found = scores(residual, unknowing, noise)
@@ -121,7 +121,7 @@ def test_batches_of_any_size_agree_and_a_sample_that_comes_twice_counts_once() -
     assert parts.compute() == whole.compute()
 
 
-def test_a_prediction_that_is_no_number_names_its_samples() -> None:
+def test_predictions_that_are_not_finite_name_their_samples() -> None:
     residual, log_sigma, _ = drawn()
     broken = log_sigma.clone()
     broken[7, 3] = float("inf")
@@ -140,7 +140,7 @@ def test_spearman_is_scipys_with_and_without_ties(digits: int) -> None:
     assert float(spearman(first, second)) == pytest.approx(expected, abs=1e-12)
 
 
-def test_spearman_of_nothing_or_of_a_constant_is_no_number() -> None:
+def test_spearman_of_no_values_or_of_a_constant_is_nan() -> None:
     assert spearman(torch.zeros(5), torch.arange(5.0)).isnan()
     assert spearman(torch.zeros(0), torch.zeros(0)).isnan()
 
@@ -167,7 +167,7 @@ def test_the_worst_calibration_is_half() -> None:
 
 
 def slow_sparsification_error(error: list[float], sigma: list[float]) -> float:
-    """Discard one after the other, and compare what is left on the mean."""
+    """Discard the values one by one and compare the means of the remaining ones."""
     by_sigma = [e for _, e in sorted(zip(sigma, error, strict=True))]
     by_error = sorted(error)
     gaps = [

@@ -1,4 +1,4 @@
-"""F-score: the same counts as brute force, through every shortcut."""
+"""F-score: the same counts as brute force."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hand_recon.evaluation.f_score import BLOCK, F_THRESHOLDS, f_score
 from tests.support import metric_reference as reference
 
 
-def twin(ground_truth: Tensor, prediction: Tensor) -> Tensor:
+def brute_force(ground_truth: Tensor, prediction: Tensor) -> Tensor:
     return torch.tensor(
         [
             [reference.f_score(t, p, threshold) for threshold in F_THRESHOLDS]
@@ -40,18 +40,18 @@ def test_agrees_with_brute_force(
     ground_truth = torch.from_numpy(random.normal(size=(2, count, 3)) * size)
     picked = ground_truth[:, random.integers(count, size=other_count)]
     prediction = picked + noise * torch.from_numpy(random.normal(size=picked.shape)) + offset
-    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
+    exactly(f_score(ground_truth, prediction), brute_force(ground_truth, prediction))
 
 
 def test_single_precision_points_get_double_precision_counts() -> None:
     ground_truth = torch.rand(3, 778, 3) * 0.1
     prediction = ground_truth + 0.01 * torch.randn(3, 778, 3)
-    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
+    exactly(f_score(ground_truth, prediction), brute_force(ground_truth, prediction))
 
 
 @pytest.mark.parametrize("threshold", F_THRESHOLDS)
 def test_a_distance_equal_to_the_threshold_does_not_count(threshold: float) -> None:
-    # From the origin, so that the shift is not rounded.
+    # From the origin, so that the translation is not rounded.
     ground_truth = torch.zeros(1, 1, 3, dtype=torch.float64)
     shift = torch.tensor([threshold, 0.0, 0.0], dtype=torch.float64)
     assert float(f_score(ground_truth, ground_truth + shift, (threshold,))) == 0.0
@@ -62,7 +62,7 @@ def test_a_distance_equal_to_the_threshold_does_not_count(threshold: float) -> N
 def test_a_constant_shift_by_the_threshold_is_decided_in_double_precision() -> None:
     ground_truth = torch.rand(2, 400, 3, dtype=torch.float64) * 0.3
     prediction = ground_truth + torch.tensor([0.0, 0.005, 0.0], dtype=torch.float64)
-    exactly(f_score(ground_truth, prediction), twin(ground_truth, prediction))
+    exactly(f_score(ground_truth, prediction), brute_force(ground_truth, prediction))
 
 
 def test_half_the_points_each_way() -> None:
@@ -79,7 +79,7 @@ def test_surfaces_far_apart_score_zero() -> None:
     assert f_score(ground_truth, ground_truth + 10).tolist() == [[0.0, 0.0]]
 
 
-def test_it_is_symmetric_and_blind_to_the_order_of_points() -> None:
+def test_it_is_symmetric_and_independent_of_the_order_of_points() -> None:
     ground_truth = torch.rand(2, 500, 3, dtype=torch.float64) * 0.1
     prediction = torch.rand(2, 600, 3, dtype=torch.float64) * 0.1
     scores = f_score(ground_truth, prediction)

@@ -1,4 +1,4 @@
-"""All scores of a reconstruction: which there are, and each hand's own."""
+"""All scores of a reconstruction: their presence, means and values of single hands."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def batch(hand: HandModel) -> HandBatch:
 
 @pytest.fixture
 def prediction(hand: HandModel, batch: HandBatch) -> HandPrediction:
-    """The truth of other poses in the same order: off, by different amounts."""
+    """Ground truth of other poses, so that every hand has another error."""
     parameters = known_hands(hand, COUNT)
     posed = hand.to_camera(parameters)
     assert batch.intrinsics is not None
@@ -51,10 +51,10 @@ def test_the_means_are_those_of_the_hands(
     for name, values in columns.items():
         assert values.shape == (COUNT,)
         assert float(values.mean()) == pytest.approx(means[name], rel=1e-5), name
-    assert float(columns["E_J"].std()) > 0.5  # Millimetres, and not all alike.
+    assert float(columns["E_J"].std()) > 0.5  # Millimetres; the errors differ.
 
 
-def test_each_row_is_that_hand_alone(
+def test_each_row_is_the_score_of_that_hand_alone(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     together = scores(hand)
@@ -67,7 +67,7 @@ def test_each_row_is_that_hand_alone(
         assert float(columns["E_J"][row]) == pytest.approx(alone.compute()["E_J"], rel=1e-5)
 
 
-def test_what_each_hand_scored_outlives_a_reset(
+def test_the_scores_of_each_hand_are_kept_after_a_reset(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     measured = scores(hand)
@@ -80,7 +80,7 @@ def test_what_each_hand_scored_outlives_a_reset(
     assert measured.per_hand()[1] == {}
 
 
-def test_without_truth_there_are_no_3d_scores(
+def test_without_ground_truth_there_are_no_3d_scores(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     measured = scores(hand)
@@ -95,7 +95,7 @@ def test_without_truth_there_are_no_3d_scores(
     assert columns == {}
 
 
-def test_a_hand_without_truth_is_no_number_in_its_row(
+def test_a_hand_without_ground_truth_has_a_nan_in_its_row(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     assert batch.landmarks_3d is not None
@@ -108,7 +108,7 @@ def test_a_hand_without_truth_is_no_number_in_its_row(
     assert index[missing].tolist() == [2]
 
 
-def test_surfaces_are_judged_where_there_is_a_judge(
+def test_the_penetration_rate_is_measured_where_non_penetration_is_given(
     hand: HandModel, batch: HandBatch, prediction: HandPrediction
 ) -> None:
     measured = Scores(load_ranges("literature", hand.rest_angles), NonPenetration(hand))

@@ -13,7 +13,7 @@ def test_pixels_are_those_of_the_224_crop() -> None:
     assert error.tolist() == [10.0]
 
 
-def test_what_has_no_label_has_no_error() -> None:
+def test_a_landmark_without_label_has_no_error() -> None:
     labels = torch.tensor([[0.0, 0.0], [float("nan"), float("nan")], [9.0, 9.0]])
     labelled = torch.tensor([True, False, False])
     error = landmark_error_2d(torch.zeros(3, 2), labels, labelled, crop_size=224)
@@ -47,7 +47,7 @@ def test_batches_of_different_crops_agree() -> None:
     assert parts.compute() == pytest.approx(whole.compute(), rel=1e-6)
 
 
-def test_without_labels_there_are_no_numbers() -> None:
+def test_without_labels_there_are_no_scores() -> None:
     metric = Landmarks2D()
     unlabelled = torch.zeros(1, 21, dtype=torch.bool)
     metric.update(
@@ -56,7 +56,7 @@ def test_without_labels_there_are_no_numbers() -> None:
     assert metric.compute() == {}
 
 
-def test_a_prediction_that_is_no_number_names_its_samples() -> None:
+def test_predictions_that_are_not_finite_name_their_samples() -> None:
     labelled = torch.ones(1, 21, dtype=torch.bool)
     broken = torch.full((1, 21, 2), float("nan"))
     with pytest.raises(ValueError, match="2D landmarks of the samples 5 are not finite"):

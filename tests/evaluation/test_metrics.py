@@ -1,4 +1,4 @@
-"""The metrics over a dataset: right numbers, each sample once, honest about what is missing."""
+"""Metrics over a dataset: correct values, each sample counted once, missing ground truth reported."""
 
 import pickle
 import socket
@@ -13,11 +13,11 @@ from hand_recon.evaluation.scores import HandPoints
 from tests.support import metric_reference as reference
 
 VERTICES = 60
-"""Fewer than a hand's: nothing here depends on how many."""
+"""Number of vertices: fewer than a hand's, to save time."""
 
 
 def hands(count: int, *, seed: int = 0, noise: float = 0.0, surface: bool = True) -> HandPoints:
-    """Random hands of a hand's size, 60 cm away; the same for every noise but the noise."""
+    """Random points of a hand's size, 60 cm away; the same points for every amount of noise."""
     generator = torch.Generator().manual_seed(seed)
     size = torch.tensor([0.08, 0.03, 0.02])
     points = torch.randn(count, 21 + VERTICES, 3, generator=generator) * size
@@ -47,7 +47,7 @@ def approx(expected: dict[str, float]) -> object:
     return pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-def test_every_number_is_the_twins() -> None:
+def test_every_score_agrees_with_the_reference() -> None:
     ground_truth, prediction = hands(6), hands(6, noise=0.008)
     actual = measure(prediction, ground_truth).compute()
     assert ground_truth.vertices is not None
@@ -80,7 +80,7 @@ def test_every_number_is_the_twins() -> None:
     assert actual == pytest.approx(expected, rel=1e-5, abs=1e-5)
 
 
-def test_ten_millimetres_aside_cost_ten_only_without_alignment() -> None:
+def test_a_translation_by_ten_millimetres_is_an_error_only_without_alignment() -> None:
     ground_truth = hands(3)
     assert ground_truth.vertices is not None
     shift = torch.tensor([0.01, 0.0, 0.0])
@@ -93,7 +93,7 @@ def test_ten_millimetres_aside_cost_ten_only_without_alignment() -> None:
         assert scores[name] == pytest.approx(0, abs=1e-3)
 
 
-def test_a_mirrored_hand_cannot_hide() -> None:
+def test_a_mirrored_hand_has_an_error_without_reflections() -> None:
     ground_truth = hands(4)
     assert ground_truth.vertices is not None
     mirror = torch.tensor([-1.0, 1.0, 1.0])
@@ -172,13 +172,13 @@ def test_samples_without_ground_truth_are_left_out_and_counted() -> None:
         assert metrics.compute() == approx(expected)
 
 
-def test_without_any_ground_truth_there_are_no_numbers() -> None:
+def test_without_any_ground_truth_there_are_no_scores() -> None:
     ground_truth = HandPoints(torch.full((2, 21, 3), float("nan")))
     with pytest.warns(UserWarning, match="2 of 2 samples"):
         assert measure(hands(2), ground_truth).compute() == {}
 
 
-def test_a_prediction_that_is_no_number_names_its_samples() -> None:
+def test_predictions_that_are_not_finite_name_their_samples() -> None:
     prediction = hands(3)
     prediction.landmarks[1, 4] = float("nan")
     with pytest.raises(ValueError, match="landmarks of the samples 11 are not finite"):
@@ -190,7 +190,7 @@ def test_a_prediction_that_is_no_number_names_its_samples() -> None:
         measure(prediction, hands(3), torch.tensor([10, 11, 12]))
 
 
-def test_another_mesh_is_refused_with_the_cure() -> None:
+def test_another_number_of_vertices_is_refused_with_a_remedy() -> None:
     ground_truth, prediction = hands(2), hands(2)
     assert prediction.vertices is not None
     other = HandPoints(prediction.landmarks, prediction.vertices[:, :-1])

@@ -1,4 +1,4 @@
-"""Natural hands are called natural, unnatural ones are caught, and each hand counts once."""
+"""Plausibility: natural hands pass, unnatural ones are detected, and each hand counts once."""
 
 import copy
 import math
@@ -26,7 +26,7 @@ VERTICES = torch.zeros(4, 5, 3)
 
 
 class FakePenetration(nn.Module):
-    """A vertex is as deep as its first coordinate says."""
+    """Penetration whose depth is the vertex's first coordinate."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -44,7 +44,7 @@ def ranges() -> RangeOfMotion:
 
 
 def hands(*degrees: float) -> Tensor:
-    """One hand per number, which is its ring PIP's bend; everything else is straight."""
+    """One hand per number, the bend of its ring PIP in degrees; all other angles are zero."""
     angles = torch.zeros(len(degrees), 15, 3)
     angles[:, 10, 0] = torch.tensor(degrees).deg2rad()
     return angles
@@ -125,7 +125,7 @@ def test_a_hand_that_comes_twice_counts_once_and_batches_do_not_matter(
     assert parts.compute() == pytest.approx(expected, rel=1e-5)
 
 
-def test_it_forgets_and_copies(ranges: RangeOfMotion) -> None:
+def test_it_can_be_reset_and_copied(ranges: RangeOfMotion) -> None:
     metric = Plausibility(ranges, FakePenetration())
     metric.update(hands(90), VERTICES[:1], torch.arange(1))
     other = copy.deepcopy(metric)
@@ -135,13 +135,13 @@ def test_it_forgets_and_copies(ranges: RangeOfMotion) -> None:
     assert other.compute()["ROM"] == 100.0
 
 
-def test_without_samples_there_are_no_numbers(ranges: RangeOfMotion) -> None:
+def test_without_samples_there_are_no_scores(ranges: RangeOfMotion) -> None:
     metric = Plausibility(ranges, FakePenetration())
     metric.update(hands(), VERTICES[:0], torch.arange(0))
     assert metric.compute() == {}
 
 
-def test_predictions_that_are_no_numbers_name_their_samples(ranges: RangeOfMotion) -> None:
+def test_predictions_that_are_not_finite_name_their_samples(ranges: RangeOfMotion) -> None:
     index = torch.arange(4) + 5
     angles = hands(0, 0, math.nan, 0)
     with pytest.raises(ValueError, match="joint angles of the samples 7 are not finite"):

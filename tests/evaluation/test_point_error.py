@@ -1,4 +1,4 @@
-"""Distances and the area under their curve, to the protocol's letter."""
+"""Distances and the area under their PCK curve, exactly as in the protocol."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.support import metric_reference as reference
 from tests.support.tolerance import BATCH_SHAPES
 
 
-def test_three_four_five() -> None:
+def test_the_distance_of_a_three_four_five_triangle_is_five() -> None:
     prediction = torch.tensor([[0.003, 0.004, 0.0]])
     torch.testing.assert_close(
         point_errors(torch.zeros(1, 3), prediction), torch.tensor([0.005]).double()
@@ -24,7 +24,7 @@ def test_three_four_five() -> None:
         (0.0, 1.0),
         (1e-15, 98.5 / 99),  # The first step of the curve is half a trapezoid.
         (0.01, 0.8030303030303030),  # 79.5 of 99: a hundred thresholds, not a continuum.
-        (0.05, 0.5 / 99),  # A threshold is met by an error equal to it.
+        (0.05, 0.5 / 99),  # An error equal to a threshold is within it.
         (0.0500001, 0.0),
         (float("inf"), 0.0),
     ],
@@ -34,7 +34,7 @@ def test_a_constant_error_has_a_known_area(error: float, expected: float) -> Non
     assert float(area) == pytest.approx(expected, abs=1e-12)
 
 
-def test_every_threshold_is_met_by_an_error_equal_to_it() -> None:
+def test_an_error_equal_to_a_threshold_is_within_it() -> None:
     thresholds = np.linspace(0.0, 0.05, 100)
     areas = auc(torch.from_numpy(thresholds)[:, None])
     expected = torch.tensor([1.0, *((99.5 - k) / 99 for k in range(1, 100))], dtype=torch.float64)
@@ -55,7 +55,7 @@ def test_the_mean_over_hands_is_the_curve_over_frames(
     assert area == pytest.approx(reference.auc(errors), abs=1e-12)
 
 
-def test_the_unit_is_the_limits() -> None:
+def test_errors_are_in_the_unit_of_the_limit() -> None:
     errors = torch.rand(5, 21, dtype=torch.float64) * 0.06
     torch.testing.assert_close(auc(errors * 1000, limit=50.0), auc(errors))
 

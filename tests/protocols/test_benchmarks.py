@@ -11,7 +11,7 @@ from tests.support.tolerance import assert_close
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
-def test_there_and_back_is_where_one_was(name: str) -> None:
+def test_converting_to_a_file_and_back_changes_nothing(name: str) -> None:
     points = HandPoints(torch.randn(2, 21, 3).double(), torch.randn(2, 5, 3).double())
     back = PROTOCOLS[name].to_internal(PROTOCOLS[name].from_internal(points))
     assert_close(back.landmarks, points.landmarks)
@@ -35,8 +35,8 @@ def test_dexycb_is_in_millimetres() -> None:
 
 @pytest.mark.parametrize("case", ["noise", "mirror_x"])
 @pytest.mark.parametrize(("name", "key"), [("freihand", "freihand"), ("ho3d_v3", "ho3d_v3")])
-def test_scores_in_a_files_form_are_the_official_ones(name: str, key: str, case: str) -> None:
-    """Golden hands through the file's order, axes and unit and back."""
+def test_scores_after_conversion_are_the_official_ones(name: str, key: str, case: str) -> None:
+    """Golden hands converted to the file's order, axes and unit and back."""
     protocol = PROTOCOLS[name]
     ground_truth, prediction = (
         protocol.to_internal(protocol.from_internal(points)) for points in golden_hands(case)

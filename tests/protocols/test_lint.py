@@ -1,4 +1,4 @@
-"""Every mistake by its name and with its cure; `test_lint_alarms.py` has what is no mistake."""
+"""Lint: every mistake is named with a remedy; `test_lint_alarms.py` has files without mistakes."""
 
 from collections.abc import Callable
 
@@ -27,10 +27,10 @@ def times(*factors: float) -> Callable[[Tensor], Tensor]:
     return lambda points: points * points.new_tensor(factors)
 
 
-def looked_at(
+def linted(
     hand: HandModel, protocol: Protocol, change: Callable[[HandPoints], HandPoints]
 ) -> tuple[Finding, ...]:
-    """What is found in good predictions (5 mm on every coordinate) after a change of the file."""
+    """Findings for good predictions (5 mm on every coordinate) after a change of the file."""
     ground_truth = true_hands(hand, COUNT, seed=1)
     file = change(protocol.from_internal(noisy(ground_truth, 0.005)))
     return lint(protocol.from_internal(ground_truth), file, protocol)
@@ -51,9 +51,9 @@ def test_every_order_that_is_in_use_is_recognised(
     hand: HandModel, protocol: Protocol, order: str
 ) -> None:
     reorder = in_order(protocol.order, order)
-    (found,) = looked_at(hand, protocol, lambda file: changed(file, reorder, lambda mesh: mesh))
+    (found,) = linted(hand, protocol, lambda file: changed(file, reorder, lambda mesh: mesh))
     assert found.kind == "order"
-    # The cure in the message is the map back.
+    # The remedy in the message is the inverse permutation.
     assert f"landmarks[{list(landmark_permutation(order, protocol.order))}]" in found.message
     assert found.score_if_mended is not None
     assert found.score_if_mended < 10
@@ -178,13 +178,13 @@ CASES: dict[str, tuple[Protocol, Callable[[HandPoints], HandPoints], list[str], 
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_mistake_is_called_by_its_name_with_its_cure(hand: HandModel, name: str) -> None:
+def test_a_mistake_is_named_with_a_remedy(hand: HandModel, name: str) -> None:
     protocol, change, kinds, words = CASES[name]
     if not protocol.scores_vertices:
         # Its files have no mesh.
-        findings = looked_at(hand, protocol, lambda file: change(HandPoints(file.landmarks)))
+        findings = linted(hand, protocol, lambda file: change(HandPoints(file.landmarks)))
     else:
-        findings = looked_at(hand, protocol, change)
+        findings = linted(hand, protocol, change)
     assert sorted(mistakes(findings)) == sorted(kinds)
     assert any(words in finding.message for finding in findings)
     assert all(finding.gain > 0 or finding.score_if_mended is None for finding in findings)
@@ -201,7 +201,7 @@ def test_shuffled_frames_are_found_if_the_predictions_are_good(hand: HandModel) 
     assert "ground truth of frame" in found.message
 
 
-def test_shuffled_bad_predictions_are_only_told_to_be_unrelated(hand: HandModel) -> None:
+def test_shuffled_bad_predictions_are_only_noted_as_unrelated(hand: HandModel) -> None:
     ground_truth = true_hands(hand, COUNT)
     (found,) = lint(ground_truth, noisy(ground_truth, 0.01)[torch.randperm(COUNT)], FREIHAND)
     assert (found.kind, found.confidence) == ("unrelated", "note")
@@ -216,9 +216,9 @@ def test_a_mesh_about_another_origin_is_noted_even_without_a_true_one(hand: Hand
 
 
 def test_an_order_in_a_flipped_file_is_found_whatever_the_axes_are(hand: HandModel) -> None:
-    """The form is compared with both chiralities: a mirrored hand does not hide its order."""
+    """The shape is compared with the hand and its mirror image, so that flipped axes do not matter."""
     flip = lambda points: in_order("freihand", "rhd")(points) * points.new_tensor([1.0, 1.0, -1.0])  # noqa: E731
-    findings = looked_at(hand, FREIHAND, lambda file: changed(HandPoints(file.landmarks), flip))
+    findings = linted(hand, FREIHAND, lambda file: changed(HandPoints(file.landmarks), flip))
     assert sorted(mistakes(findings)) == ["mirrored", "order"]
 
 
@@ -229,7 +229,7 @@ def test_a_gain_must_be_large_steady_and_beyond_chance() -> None:
     # Half the error on average, but worse in a third of the frames.
     mixed = torch.where(torch.arange(100) % 3 == 0, 0.025, 0.002).double()
     assert not clearly_better(now, mixed, 0.3)
-    # With three frames each of them counts.
+    # With three frames every one of them must improve.
     assert not clearly_better(now[:3], torch.tensor([0.0, 0.0, 0.019]).double(), 0.3)
     assert not clearly_better(now / 100, now / 200, 0.3)
 

@@ -1,4 +1,4 @@
-"""A bad method is not a mistake: no alarm for noise, mean poses, root-relative or shrunken hands."""
+"""Lint: no mistake is reported for noise, mean poses, root-relative or shrunken hands."""
 
 from collections.abc import Callable
 
@@ -27,15 +27,15 @@ def mean_pose(ground_truth: HandPoints) -> HandPoints:
     )
 
 
-def turned_mean_pose(ground_truth: HandPoints) -> HandPoints:
-    """The mean pose where each hand is, turned as it is: a method that sees the view alone."""
+def oriented_mean_pose(ground_truth: HandPoints) -> HandPoints:
+    """The mean pose with each hand's position and orientation, as of a method that only sees the view."""
     mean = mean_pose(ground_truth)
     fit = fit_similarity(ground_truth.landmarks, mean.landmarks, reflections=False)
     return changed(mean, fit.apply)
 
 
 def halfway(ground_truth: HandPoints) -> HandPoints:
-    mean = turned_mean_pose(ground_truth)
+    mean = oriented_mean_pose(ground_truth)
     return HandPoints((ground_truth.landmarks + mean.landmarks) / 2)
 
 
@@ -50,13 +50,13 @@ BAD_BUT_RIGHT: dict[str, Callable[[HandPoints], HandPoints]] = {
     "20 mm": lambda ground_truth: noisy(ground_truth, 0.02),
     "40 mm": lambda ground_truth: noisy(ground_truth, 0.04),
     "mean pose": mean_pose,
-    "mean pose before the camera": lambda ground_truth: changed(mean_pose(ground_truth), lambda points: points + 0.5),
-    "turned mean pose": turned_mean_pose,
+    "mean pose in front of the camera": lambda hands: changed(mean_pose(hands), lambda points: points + 0.5),
+    "oriented mean pose": oriented_mean_pose,
     "halfway to the mean": halfway,
     "root-relative": root_relative,
     "no extent": lambda ground_truth: changed(ground_truth, torch.zeros_like),
-    "a canonical turn": lambda ground_truth: changed(
-        ground_truth, fit_similarity(ground_truth.landmarks[:1].expand_as(ground_truth.landmarks), ground_truth.landmarks,
+    "a canonical orientation": lambda hands: changed(
+        hands, fit_similarity(hands.landmarks[:1].expand_as(hands.landmarks), hands.landmarks,
                               reflections=False).apply,
     ),
     "a fifth too small": lambda ground_truth: changed(ground_truth, lambda points: 0.8 * points),

@@ -99,7 +99,7 @@ def test_a_zip_is_read_and_a_folder_in_it_remarked(tmp_path: Path, name: str) ->
     assert [("top level" in remark) for remark in file.remarks] == [True] * (name != "pred.json")
 
 
-def test_a_zip_of_something_else_says_what_it_holds(tmp_path: Path) -> None:
+def test_a_zip_without_predictions_is_refused_with_its_contents(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "pred.zip", "w") as archive:
         archive.writestr("scores.txt", "1")
     with pytest.raises(ValueError, match=r"holds scores.txt and no pred.json"):
@@ -136,7 +136,7 @@ def test_frames_of_another_number_than_the_official_one_are_remarked(tmp_path: P
     assert pair.prediction.vertices is not None
 
 
-def test_a_mesh_of_another_count_is_left_out_aloud(tmp_path: Path) -> None:
+def test_a_mesh_of_another_count_is_left_out_with_a_remark(tmp_path: Path) -> None:
     pair = read_pair(*ground_truth_and(tmp_path, pred(points(), points(count=29))), FREIHAND)
     assert pair.prediction.vertices is None
     assert pair.predicted_vertices is not None
@@ -214,7 +214,7 @@ def test_other_text_is_refused(tmp_path: Path, text: str, message: str) -> None:
 
 
 def spaces(path: Path, text: str, count: int = 1 << 27) -> Path:
-    """An archive of a text and so many spaces, which packs a thousandfold."""
+    """An archive of a text followed by spaces, a thousand times smaller than its content."""
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("pred.json", "w") as stream,
@@ -266,7 +266,7 @@ def test_an_archive_that_would_unpack_to_more_than_is_read_is_refused_unread(
         ("LONGEST", 1000, pred(points())[:-1] + ",[[[" + 9000 * "1", r"more than 1000 digits"),
     ],
 )
-def test_all_that_is_kept_has_a_bound(
+def test_everything_that_is_kept_has_a_maximum_size(
     bound: str, value: int, text: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(prediction_json, "CHUNK", 1000)

@@ -22,7 +22,7 @@ def test_what_is_written_is_read_again_up_to_the_rounding(
     protocol, points = PROTOCOLS[name], true_hands(hand, 70)
     for path in write_submission(protocol, points, tmp_path / "out"):
         back = protocol.to_internal(read_predictions(path, protocol).points)
-        # Half a digit, and the vertices' single precision.
+        # Half of the last digit, and the vertices' single precision.
         bound = 0.5001 * {"freihand": 1e-5, "ho3d_v3": 1e-4, "dexycb": 1e-5}[name]
         assert float((back.landmarks - points.landmarks).abs().max()) <= bound
         if protocol.scores_vertices:
@@ -57,7 +57,7 @@ def test_the_zip_has_the_json_at_its_top_level(hand: HandModel, tmp_path: Path) 
     assert (len(landmarks), len(landmarks[0]), len(vertices), len(vertices[0])) == (2, 21, 2, 778)
 
 
-def test_ho3d_places_the_wrist_at_the_given_root_before_its_camera(
+def test_ho3ds_wrist_is_at_the_given_root_in_front_of_its_camera(
     hand: HandModel, tmp_path: Path
 ) -> None:
     protocol, points = PROTOCOLS["ho3d_v3"], true_hands(hand, 3)
@@ -81,7 +81,7 @@ def test_dexycbs_lines_have_their_ids_and_millimetres(tmp_path: Path) -> None:
     assert path.read_text() == "7" + 63 * ",123.46" + "\n9" + 63 * ",123.46" + "\n"
 
 
-def test_without_vertices_the_wrist_stands_in_for_the_surface(tmp_path: Path) -> None:
+def test_without_vertices_the_wrist_is_written_as_the_surface(tmp_path: Path) -> None:
     landmarks = torch.arange(63.0).reshape(1, 21, 3)
     path = write_submission(PROTOCOLS["freihand"], HandPoints(landmarks), tmp_path)[0]
     assert json.loads(path.read_text()) == [landmarks.tolist(), [[[0.0, 1.0, 2.0]]]]
@@ -95,7 +95,7 @@ def test_nothing_is_overwritten(existing: str, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == [existing]
 
 
-def test_what_is_not_finite_or_not_counted_is_refused(tmp_path: Path) -> None:
+def test_infinite_predictions_and_missing_ids_are_refused(tmp_path: Path) -> None:
     points = HandPoints(torch.full((1, 21, 3), torch.nan))
     with pytest.raises(ValueError, match=r"landmarks of the samples 0 are not finite"):
         write_submission(PROTOCOLS["freihand"], points, tmp_path)

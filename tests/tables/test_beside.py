@@ -1,4 +1,4 @@
-"""Tables 2 and 3: the paper's numbers as printed, ours below the row they repeat, with what differs."""
+"""Tables 2 and 3: the paper's printed numbers, our runs below the rows they reproduce, and differences."""
 
 import contextlib
 import csv
@@ -45,7 +45,7 @@ PAPERS: dict[str, Any] = {
         "second": {"_target_": "hand_recon.uncertainty.NegativeLogLikelihood", "beta": 0.0},
     },
 }  # fmt: skip
-"""What a run with all of the paper's settings was configured with, as much as matters here."""
+"""Configuration of a run with the paper's settings, as far as these tests need it."""
 
 ADVERSARIAL = {
     "prior.range_of_motion": None, "prior.non_penetration": None,
@@ -76,7 +76,7 @@ def lines(output: Path, table: str) -> list[dict[str, str]]:
 
 
 def test_the_published_numbers_are_the_papers() -> None:
-    """Typed once more from its LaTeX, row by row, as they stand there."""
+    """Numbers typed a second time from the paper's LaTeX source, row by row."""
     printed = {
         "Boukhayma": ((11.0, 10.9), (None, 27.3), (None,) * 4),
         "Spurr": ((11.3, None), (7.1, None), (None,) * 4),
@@ -196,7 +196,7 @@ def test_runs_on_other_data_are_in_no_table_2(tmp_path: Path) -> None:
 def test_priors_on_synthetic_views_stand_beside_the_papers_and_say_where_they_are_from(
     tmp_path: Path,
 ) -> None:
-    """The knowledge of the same study is found by its settings; other priors and data terms have no place."""
+    """Runs are recognised by their settings; other priors and data terms are in no table."""
     lifter = {
         "model.encoder": {"_target_": "hand_recon.regressor.landmark_encoder.LandmarkEncoder"},
         "data.level": "hard",

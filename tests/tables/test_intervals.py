@@ -1,4 +1,4 @@
-"""Bootstrap intervals are as wide as theory says, pair what they should, and repeat."""
+"""Bootstrap intervals: width as in theory, paired columns, repeatable draws."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def test_the_interval_of_a_mean_is_two_standard_errors_to_either_side() -> None:
     assert found.high == pytest.approx(values.mean() + 1.96 * error, abs=0.15 * error)
 
 
-def test_ninety_five_of_a_hundred_intervals_hold_the_truth() -> None:
+def test_ninety_five_of_a_hundred_intervals_contain_the_true_mean() -> None:
     generator = np.random.default_rng(2)
     held = 0
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""Folders of runs are found, read, and refused with a reason; hands are matched by their index."""
+"""Folders of runs are found, read or refused with a reason; hands are matched by index."""
 
 import dataclasses
 import json
@@ -15,7 +15,7 @@ COMPARED = Compared(method=("prior",), ignored=("name", "seed"))
 
 
 def fitted(folder: Path, row: int, per_hand: str = "", seed: int = 0) -> Path:
-    """A run that says its name and seed in its metrics and has no settings."""
+    """A run without settings, whose metrics have its name and seed."""
     folder.mkdir(parents=True)
     metrics = {"name": f"ablation_row{row}", "seed": seed, "data": "views", "test": {"E_J": 10.0}}
     (folder / "metrics.json").write_text(json.dumps(metrics))
@@ -30,7 +30,7 @@ def finished(folder: Path) -> FinishedRun:
     return run
 
 
-def test_what_lies_inside_a_run_is_no_other_run_and_hydras_copy_is_none(tmp_path: Path) -> None:
+def test_neither_folders_inside_a_run_nor_hydras_copy_are_runs(tmp_path: Path) -> None:
     run = fitted(tmp_path / "a" / "b", 1)
     (run / "deeper").mkdir()
     (run / "deeper" / "metrics.json").write_text("{}")
@@ -41,7 +41,7 @@ def test_what_lies_inside_a_run_is_no_other_run_and_hydras_copy_is_none(tmp_path
     assert run_folders([f"{tmp_path}/**/b", tmp_path]) == [run]
 
 
-def test_a_run_without_settings_is_read_if_it_says_its_name_and_seed(tmp_path: Path) -> None:
+def test_a_run_without_settings_is_read_if_its_metrics_have_name_and_seed(tmp_path: Path) -> None:
     run = finished(fitted(tmp_path / "fit", 3, seed=7))
     assert (run.name, run.seed, run.settings) == ("ablation_row3", 7, {})
     assert run.facts["data"] == "views"
@@ -74,7 +74,7 @@ def test_hands_are_matched_by_index_and_averaged_over_seeds(tmp_path: Path) -> N
     assert hand_means("E_V", first) is None
 
 
-def test_a_row_whose_seeds_do_not_all_know_their_hands_has_no_interval(tmp_path: Path) -> None:
+def test_a_row_has_no_interval_unless_every_seed_has_errors_of_single_hands(tmp_path: Path) -> None:
     fitted(tmp_path / "a", 1, "index,E_J\n7,30\n", seed=0)
     fitted(tmp_path / "b", 1, seed=1)
     (study,), _ = group([finished(folder) for folder in run_folders([tmp_path])], COMPARED)

@@ -1,4 +1,4 @@
-"""Tables fit the terminal that they are drawn on, and lose no column."""
+"""Tables on a terminal: they fit its width and keep every column."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_every_column_is_kept_beside_the_rows_names(width: int) -> None:
 
 
 def test_a_table_is_split_only_where_it_must_be() -> None:
-    """Widths with margins: 6 + 7 + 7 + 7, and a last line: 28 characters for all, 21 for two columns."""
+    """Widths with margins: 6 + 7 + 7 + 7 and a last line, 28 characters for all and 21 for two columns."""
     assert len(narrowed(TABLE, 28)) == 1
     assert [len(part.columns) for part in narrowed(TABLE, 27)] == [3, 2]
     assert [len(part.columns) for part in narrowed(TABLE, 20)] == [2, 2, 2]
