@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -235,3 +237,12 @@ def test_null_is_read_as_not_a_number(hand: HandModel, tmp_path: Path) -> None:
     assert np.isnan(found.loss["data"][1:]).all()
     assert np.isnan(found.landmarks_3d[2]).all()
     assert found.intrinsics_known.tolist() == [True, True, False]
+
+
+def test_the_format_needs_neither_torch_nor_opencv() -> None:
+    program = (
+        "import sys, hand_recon.fitting.hands_file\n"
+        "print([name for name in ('torch', 'cv2', 'trimesh', 'hydra') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)  # noqa: S603  # fmt: skip
+    assert done.stdout == "[]\n"
