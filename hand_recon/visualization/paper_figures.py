@@ -81,7 +81,9 @@ def before_after(
         ValueError: There is no column.
     """
     if not columns:
-        raise ValueError("Found no prediction to compare; expected one or more predictions. Give a column.")
+        raise ValueError(
+            "Found no prediction to compare; expected one or more predictions. Give a column."
+        )
     triangles = faces.cpu().numpy()
     rows: list[list[Panel | None]] = []
     for hand in range(len(batch)):
@@ -119,7 +121,9 @@ def likelihood_effect(
         ValueError: There is no column.
     """
     if not columns:
-        raise ValueError("Found no prediction to compare; expected one or more predictions. Give a column.")
+        raise ValueError(
+            "Found no prediction to compare; expected one or more predictions. Give a column."
+        )
     triangles = faces.cpu().numpy()
     sigma, uncertain = mean_sigma(columns[-1][1]), ellipse_panels(batch, columns[-1][1], panel)
     rows = [
