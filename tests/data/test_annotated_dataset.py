@@ -27,9 +27,9 @@ def test_a_left_hand_comes_as_the_right_one_that_its_mirror_shows(
         assert sample.vertices is not None
         assert sample.intrinsics is not None
         sign = torch.tensor([-1.0 if index else 1.0, 1.0, 1.0])
-        truth = torch.from_numpy(table.landmarks_3d[index]).float()
-        torch.testing.assert_close(sample.landmarks_3d, truth * sign)
-        torch.testing.assert_close(sample.vertices, truth[:5] * sign)
+        ground_truth = torch.from_numpy(table.landmarks_3d[index]).float()
+        torch.testing.assert_close(sample.landmarks_3d, ground_truth * sign)
+        torch.testing.assert_close(sample.vertices, ground_truth[:5] * sign)
         # The camera is a real one, and sees the mirrored hand where the mirrored pixels are.
         assert (sample.intrinsics[[0, 1], [0, 1]] > 0).all()
         torch.testing.assert_close(

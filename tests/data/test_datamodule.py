@@ -138,10 +138,10 @@ def test_a_stage_builds_what_it_needs_once(stage: str | None, expected: list[str
 
 
 def test_ground_truth_is_spread_over_the_training_set() -> None:
-    truth = make(train=20).train_ground_truth(limit=4)
-    assert truth is not None
-    assert truth[0][:, 0, 0].tolist() == [0, 5, 10, 15]
-    assert truth[1] is None
+    ground_truth = make(train=20).train_ground_truth(limit=4)
+    assert ground_truth is not None
+    assert ground_truth[0][:, 0, 0].tolist() == [0, 5, 10, 15]
+    assert ground_truth[1] is None
     bare = HandDataModule(
         lambda: NumberedHands(4, with_3d=False),
         lambda: NumberedHands(1),
@@ -168,9 +168,9 @@ def test_a_freihand_folder_trains_validates_and_tests(tmp_path: Path) -> None:
     assert module.seen["train"][0].image.shape == (8, 3, 32, 32)
     assert module.seen["test"][0].landmarks_3d is not None
     assert data.landmarks == "mano"
-    truth = data.train_ground_truth(10)
-    assert truth is not None
-    assert truth[0].shape == (10, 21, 3)
+    ground_truth = data.train_ground_truth(10)
+    assert ground_truth is not None
+    assert ground_truth[0].shape == (10, 21, 3)
 
 
 def test_an_unknown_option_of_freihand_is_refused_at_once(tmp_path: Path) -> None:
@@ -192,10 +192,10 @@ def test_synthetic_hands_come_with_surfaces_for_evaluation(tmp_path: Path) -> No
     assert [len(batch) for batch in batches] == [3, 3]
     assert batches[0].vertices is None
     assert next(iter(data.test_dataloader())).vertices is not None
-    truth = data.train_ground_truth(4)
-    assert truth is not None
-    assert truth[1] is not None
-    assert truth[1].shape[:1] == (4,)
+    ground_truth = data.train_ground_truth(4)
+    assert ground_truth is not None
+    assert ground_truth[1] is not None
+    assert ground_truth[1].shape[:1] == (4,)
 
 
 @pytest.mark.parametrize("overrides", [["data=synthetic"], ["data=freihand", "data.root=hands"]])

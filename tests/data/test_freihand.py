@@ -94,9 +94,9 @@ def test_the_evaluation_part_is_found_beside_or_inside(folder: Folder, name: str
     evaluation = write_folder(folder.root.parent / name, 7, 1, "evaluation", seed=9)
     data = FreiHand("test", FreiHandRecipe(folder.root, FULL))
     assert [data[index].index for index in range(7)] == list(range(7))
-    truth = data[4].landmarks_3d
-    assert truth is not None
-    np.testing.assert_allclose(truth, evaluation.landmarks[4], atol=1e-6)
+    ground_truth = data[4].landmarks_3d
+    assert ground_truth is not None
+    np.testing.assert_allclose(ground_truth, evaluation.landmarks[4], atol=1e-6)
     # With a real test set, the hands that would have been held out train.
     assert len(FreiHand("train", FreiHandRecipe(folder.root, FULL))) == 18 * 4
 

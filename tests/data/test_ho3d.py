@@ -108,10 +108,10 @@ def test_vertices_of_the_evaluation_are_turned_into_the_camera(folder: Folder) -
     assert Ho3d("val", recipe(folder))[0].vertices is None
 
 
-def test_without_truth_held_out_frames_test_aloud(
+def test_without_ground_truth_held_out_frames_test_aloud(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = write_folder(tmp_path / "HO3D_v3", truth=False)
+    folder = write_folder(tmp_path / "HO3D_v3", ground_truth=False)
     data = Ho3d("test", recipe(folder))
     assert set(data.frames) < set(folder.train)
     agrees(data[0], folder.train[data.frames[0]])
@@ -119,10 +119,10 @@ def test_without_truth_held_out_frames_test_aloud(
     assert "put them into data.root, or name their folder as data.eval_root" in caplog.text
 
 
-def test_without_truth_the_evaluation_can_be_predicted_and_not_scored(
+def test_without_ground_truth_the_evaluation_can_be_predicted_and_not_scored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = write_folder(tmp_path / "HO3D_v3", truth=False)
+    folder = write_folder(tmp_path / "HO3D_v3", ground_truth=False)
     data = Ho3d("test", recipe(folder, test_source="evaluation"))
     assert data.frames == list(folder.evaluation)[::-1]
     assert data[0].landmarks_3d is None
@@ -131,7 +131,7 @@ def test_without_truth_the_evaluation_can_be_predicted_and_not_scored(
     assert "predictions can be written, not scored" in caplog.text
 
 
-def test_the_truth_is_found_in_a_folder_of_its_own(folder: Folder, tmp_path: Path) -> None:
+def test_the_ground_truth_is_found_in_a_folder_of_its_own(folder: Folder, tmp_path: Path) -> None:
     beside = tmp_path / "truth"
     beside.mkdir()
     for name in ("evaluation_xyz.json", "evaluation_verts.json"):
@@ -168,7 +168,7 @@ def test_one_recording_cannot_be_split(tmp_path: Path) -> None:
         Ho3d("train", recipe(folder))
 
 
-def test_crops_around_joints_follow_a_changed_truth(folder: Folder, tmp_path: Path) -> None:
+def test_crops_around_joints_follow_a_changed_ground_truth(folder: Folder, tmp_path: Path) -> None:
     reading = ReadingPolicy(tmp_path / "cache")
     wanted = recipe(folder, test_crop=JOINTS, reading=reading)
     old = Ho3d("test", wanted)[0]

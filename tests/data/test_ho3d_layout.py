@@ -47,9 +47,9 @@ def test_the_tree_is_ho3ds(root: Path) -> None:
     assert content[:2] == b"\x80\x02"
     meta = pickle.loads(content, encoding="latin1")  # noqa: S301  # the test's own
     assert meta["handJoints3D"] is None
-    truth = np.array(json.loads((root / "evaluation_xyz.json").read_text()))
-    assert truth.shape == (6, 21, 3)
-    assert (truth[..., 2] < 0).all()
+    ground_truth = np.array(json.loads((root / "evaluation_xyz.json").read_text()))
+    assert ground_truth.shape == (6, 21, 3)
+    assert (ground_truth[..., 2] < 0).all()
 
 
 def test_evaluation_metas_have_the_wrist_and_a_box_alone(root: Path) -> None:

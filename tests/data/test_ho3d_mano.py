@@ -48,9 +48,9 @@ def test_parameters_pose_the_hand_that_the_labels_show(folder: Folder, mano: Pat
     data = module.dataset("train")
     assert parameters is not None
     placed = mano_hand(mano, "ho3d").to_camera(parameters)
-    truth = load_batch(data, list(range(len(data)))).landmarks_3d
-    assert truth is not None
-    torch.testing.assert_close(placed.landmarks, truth, atol=1e-5, rtol=0)
+    ground_truth = load_batch(data, list(range(len(data)))).landmarks_3d
+    assert ground_truth is not None
+    torch.testing.assert_close(placed.landmarks, ground_truth, atol=1e-5, rtol=0)
     fewer = module.train_parameters(3)
     assert fewer is not None
     assert fewer.shape.shape == (3, 10)

@@ -132,13 +132,13 @@ def test_cameras_of_other_images_are_refused(folder: Folder) -> None:
         (lambda a: a * 1000, r"or not in metres"),
     ],
 )
-def test_a_truth_of_other_frames_is_refused(
+def test_a_ground_truth_of_other_frames_is_refused(
     folder: Folder, change: Callable[[np.ndarray], np.ndarray], message: str
 ) -> None:
     path = folder.root / "evaluation_xyz.json"
-    truth = np.stack([hand.landmarks for hand in folder.evaluation.values()])[::-1]
+    ground_truth = np.stack([hand.landmarks for hand in folder.evaluation.values()])[::-1]
     order = list(landmark_permutation("freihand", "ho3d"))
-    write_json(path, list(change(truth[:, order] * FLIP)))
+    write_json(path, list(change(ground_truth[:, order] * FLIP)))
     with pytest.raises(ValueError, match=message):
         Ho3d("test", recipe(folder))
 

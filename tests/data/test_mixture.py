@@ -184,9 +184,9 @@ def test_a_mixed_batch_keeps_the_cameras_that_are_known_and_assumes_the_others(
             name = source.split(":")[0]
             seen[name] += 1
             if name == "freihand":
-                truth = known[int(batch.index[position])].intrinsics
-                assert truth is not None
-                torch.testing.assert_close(batch.intrinsics[position], truth)
+                ground_truth = known[int(batch.index[position])].intrinsics
+                assert ground_truth is not None
+                torch.testing.assert_close(batch.intrinsics[position], ground_truth)
                 assert batch.landmarks_3d[position].isfinite().all()
             else:
                 assert torch.equal(batch.intrinsics[position], assumed)
@@ -205,9 +205,9 @@ def test_one_part_is_scored_the_first_if_none_is_named(tmp_path: Path) -> None:
         len(parts["freihand"].dataset("test")),
     )
     assert next(iter(first.test_dataloader())).landmarks_3d is not None
-    truth = first.train_ground_truth(5)
-    assert truth is not None
-    assert truth[0].shape == (5, 21, 3)
+    ground_truth = first.train_ground_truth(5)
+    assert ground_truth is not None
+    assert ground_truth[0].shape == (5, 21, 3)
     wild = MixtureDataModule(parts, score_on="wild", batch_size=4)
     assert (wild.name, wild.landmarks) == ("landmarks", "knuckle")
     assert wild.dataset("val") is parts["wild"].dataset("val")

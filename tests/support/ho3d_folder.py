@@ -64,7 +64,7 @@ def write_folder(
     root: Path,
     version: str = "v3",
     *,
-    truth: bool = True,
+    ground_truth: bool = True,
     layer: ManoLayer | None = None,
     train: dict[str, int] | None = None,
 ) -> Folder:
@@ -73,7 +73,7 @@ def write_folder(
     Args:
         root: The folder.
         version: `v2` with PNG images or `v3` with JPEG images.
-        truth: Also write the ground truth of the evaluation.
+        ground_truth: Also write the ground truth of the evaluation.
         layer: MANO's layer to make the hands with; the open hand by default.
         train: Number of frames by training sequence.
     """
@@ -97,7 +97,7 @@ def write_folder(
         # In reverse: the order of the lists is not that of the folders.
         names = list(hands)[::-1]
         (root / f"{part}.txt").write_text("\n".join(names) + "\n")
-    if truth:
+    if ground_truth:
         ordered = [folder.evaluation[name] for name in list(folder.evaluation)[::-1]]
         write_json(root / "evaluation_xyz.json", [in_ho3d(hand.landmarks) for hand in ordered])
         write_json(root / "evaluation_verts.json", [hand.vertices * FLIP for hand in ordered])
