@@ -48,9 +48,9 @@ class Protocol:
     score: Callable[[HandPoints, HandPoints], dict[str, Any]]
     """Official scores of ground truth and prediction, both in FreiHAND's order, OpenCV's axes and metres."""
     scores_vertices: bool = True
-    """Whether the vertices are scored as well."""
+    """True if the vertices are scored as well."""
     is_text: bool = False
-    """Whether its files are text, one line of an id and 63 numbers per hand (DexYCB's), rather than JSON."""
+    """True if its files are text, one line of an id and 63 numbers per hand (DexYCB's), rather than JSON."""
 
     def to_internal(self, points: HandPoints) -> HandPoints:
         """Convert from the file's conventions to FreiHAND's order, OpenCV's axes and metres."""

@@ -73,7 +73,7 @@ class PointLists:
     vertices: NDArray[np.float32] | None
     """Frames × any number × 3; absent where the second list is absent or empty."""
     nested: bool
-    """Whether the landmarks were in an outer list, as they should be."""
+    """True if the landmarks were in an outer list, as they should be."""
 
 
 def read_point_lists(stream: BufferedIOBase, name: str) -> PointLists:

@@ -62,7 +62,7 @@ def write_submission(
     if protocol.is_text:
         _write_text(paths[0], points, ids, protocol.decimals)
         return paths
-    _write_json(*paths, points, protocol.decimals)
+    _write_json(paths[0], paths[1], points, protocol.decimals)
     return paths
 
 

@@ -178,7 +178,7 @@ def test_a_missing_frame_of_ho3d_makes_no_file(folder: Path, tmp_path: Path) -> 
 def test_a_submission_infers_and_decodes_each_test_hand_once(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What the metrics see is what the constant hand is compared with and what is submitted."""
+    """Metrics, comparison with the constant hand and submission share one pass over the test hands."""
     read: list[int] = []
     original = AnnotatedImages.__getitem__
 

@@ -87,7 +87,7 @@ def size_ratio(
 
 
 def is_constant(prediction: Float[Tensor, "hand point 3"]) -> bool:
-    """Whether all predictions are the same hand up to translation."""
+    """True if all predictions are the same hand up to translation."""
     if len(prediction) < 2:
         return False
     centred = prediction - prediction.mean(dim=1, keepdim=True)
@@ -98,7 +98,7 @@ def is_constant(prediction: Float[Tensor, "hand point 3"]) -> bool:
 def clearly_better(
     now: Float[Tensor, " hand"], corrected: Float[Tensor, " hand"], share: float
 ) -> bool:
-    """Whether a fix lowers the error by at least a share of it, in nearly every frame, beyond chance."""
+    """True if a fix lowers the error by at least a share of it, in nearly every frame, beyond chance."""
     gain = now - corrected
     if gain.mean() < max(share * float(now.mean()), MINIMUM_GAIN):
         return False

@@ -95,7 +95,7 @@ def lint(
 
 
 def is_one_hand(suspicions: list[Suspicion]) -> bool:
-    """Whether all predictions were found to be the same hand."""
+    """True if all predictions were found to be the same hand."""
     return any(suspicion.kind == "constant" for suspicion in suspicions)
 
 

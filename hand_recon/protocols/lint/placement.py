@@ -221,7 +221,7 @@ def _distance(ground_truth: Tensor, prediction: Tensor) -> Tensor:
 
 
 def near_origin(hands: Hands) -> bool:
-    """Whether the predicted hands are around the camera while the true ones are in front of it."""
+    """True if the predicted hands are around the camera while the true ones are in front of it."""
     true, predicted = (
         float(torch.linalg.vector_norm(points.mean(dim=1), dim=-1).median())
         for points in _both(hands)
