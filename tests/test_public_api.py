@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -100,7 +101,7 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one() -> None:
     ],
 )
 def test_what_cannot_be_landmarks_is_refused(
-    points: np.ndarray, options: dict[str, object], message: str
+    points: np.ndarray, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         hand_recon.fit_landmarks(points, **options)

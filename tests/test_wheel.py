@@ -79,8 +79,8 @@ def test_the_installed_wheel_fits_hands_from_another_folder_without_the_extras(
     )
     assert done.returncode == 0, done.stderr
     assert (elsewhere / "out" / "fits.png").is_file()
-    where = [python, "-c", "import hand_recon; print(hand_recon.__file__)"]
-    printed = subprocess.run(
+    where = [str(python), "-c", "import hand_recon; print(hand_recon.__file__)"]
+    printed = subprocess.run(  # noqa: S603  # our own words
         where, cwd=elsewhere, env=clean, check=True, capture_output=True, text=True
-    )  # noqa: S603
+    )
     assert Path(printed.stdout.strip()).parent == site / "hand_recon"

@@ -16,11 +16,11 @@ from hand_recon.training.module import HandReconstruction
 from hand_recon.uncertainty import DataTerm
 
 SCORED_RANGES: Final = "literature"
-"""The table by which every model's violations are counted, whatever its prior knows."""
+"""Table of ranges for range violations: the same for every model, whatever its prior."""
 
 
 def build_data(config: DictConfig) -> HandDataModule:
-    """The datamodule of a run.
+    """Build the datamodule of a run.
 
     Raises:
         ValueError: A mandatory value such as `data.root` was not given.
@@ -38,7 +38,7 @@ def build_data(config: DictConfig) -> HandDataModule:
 
 
 def build_module(config: DictConfig) -> HandReconstruction:
-    """The Lightning module of a run, with fresh weights."""
+    """Build the Lightning module of a run, with fresh weights."""
     hand = build_hand(config)
     data_term: DataTerm = instantiate(config.data_term)
     optimizer = {key: value for key, value in config.optimizer.items() if key != "schedule"}

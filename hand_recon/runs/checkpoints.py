@@ -1,4 +1,4 @@
-"""Checkpoints that carry what it takes to rebuild and to evaluate them."""
+"""Writes and reads checkpoints with their configuration, so that they rebuild themselves."""
 
 import copy
 import hashlib
@@ -70,7 +70,7 @@ def fingerprint(hand: HandModel) -> str:
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
-    """A checkpoint's contents and its configuration.
+    """Read a checkpoint's contents and its configuration.
 
     Args:
         path: A `.ckpt` file of this project, or the folder of a run (its best checkpoint is taken).
@@ -108,7 +108,7 @@ class Trained:
 
 
 def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
-    """Rebuild what a checkpoint holds; see `read_checkpoint`.
+    """Rebuild a checkpoint's module with its weights; see `read_checkpoint`.
 
     Args:
         path: Checkpoint, or folder of a run.
@@ -121,14 +121,14 @@ def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
     checkpoint, config = read_checkpoint(path)
     if landmarks is not None:
         config.hand.landmarks = landmarks
-    # The weights are in the checkpoint: nothing may be downloaded for them again.
+    # The weights are in the checkpoint, so ImageNet weights are not downloaded.
     built = copy.deepcopy(config)
     if "weights" in built.model.encoder:
         built.model.encoder.weights = "none"
-    # Nor is the prior needed again, so its table may lie on the machine where it was trained.
+    # The prior is not evaluated, and its table may exist only on the machine that trained.
     if built.prior.range_of_motion is not None:
         built.prior.range_of_motion.ranges = "literature"
-    # Nor is it trained again: an optimizer of the user's own is left out.
+    # Nothing is trained, so an optimizer of the user's own need not be importable.
     built.optimizer = {"_target_": "torch.optim.Adam", "_partial_": True, "schedule": None}
     refuse_untrusted(
         OmegaConf.masked_copy(built, [name for name in BUILT if name in built]),
@@ -140,7 +140,7 @@ def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
     if hand != checkpoint.get(HAND_KEY):
         raise ValueError(
             f"{path} was trained with the hand {checkpoint.get(HAND_KEY)!r}, but this version has "
-            f"{hand!r}. Its angles and shapes mean something else here: use the version that it was "
+            f"{hand!r}. Angles and shapes of the two do not correspond: use the version that it was "
             "trained with, or train again."
         )
     module.load_state_dict(checkpoint["state_dict"], strict=True)

@@ -1,4 +1,4 @@
-"""From a Hydra configuration to objects, and from a checkpoint back to its configuration."""
+"""Builds objects from a Hydra configuration, and checks configurations that come from checkpoints."""
 
 import importlib.util
 import multiprocessing
@@ -66,12 +66,12 @@ TRUSTED: Final = frozenset(
 
 
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
-    """Build what a part of a configuration describes with Hydra; none of none."""
+    """Build the object that a part of a configuration describes with Hydra; None for None."""
     if config is None:
         return None
     if not arguments:
         return hydra.utils.instantiate(config)
-    # Given to Hydra, a dataclass among the arguments would come out as a configuration.
+    # Hydra would turn a dataclass among the arguments into a configuration.
     return hydra.utils.instantiate(config, _partial_=True)(**arguments)
 
 
@@ -139,13 +139,13 @@ def _targets_of(node: object) -> Iterator[str]:
 
 
 def build_hand(config: DictConfig) -> HandModel:
-    """The hand model of a run."""
+    """Build the hand model of a run."""
     hand: HandModel = instantiate(config.hand)
     return hand
 
 
 def build_prior(config: DictConfig, hand: HandModel) -> Prior:
-    """The prior that a member of the `prior` group describes: terms by name, none for null."""
+    """Build the prior that a member of the `prior` group describes: terms by name, none for null."""
     return Prior(
         {
             str(name): instantiate(term, hand=hand)
@@ -165,7 +165,7 @@ def configure_process(threads: int | None) -> int:
     # do not know.
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
         multiprocessing.set_start_method("spawn", force=True)
-    # Not every system knows affinities; there, all cores are this process's.
+    # Systems without CPU affinity give a process all cores.
     usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
     count = threads or len(usable(0))
     torch.set_num_threads(count)
@@ -187,13 +187,13 @@ def check_extra(*modules: str) -> None:
 
 
 def plain(config: DictConfig) -> dict[str, Any]:
-    """The configuration with every reference resolved, as plain data."""
+    """Resolve every reference of a configuration and return it as dictionaries and lists."""
     container = OmegaConf.to_container(config, resolve=True)
     return dict(container)  # type: ignore[arg-type]  # the root of a configuration is a mapping
 
 
 def use_cache(config: DictConfig, folder: str) -> None:
-    """Let data use this machine's cache: a checkpoint knows the one where it was trained."""
+    """Set every `cache_dir` to this machine's cache folder: a checkpoint has the training machine's."""
     for key in list(config):
         if key == "cache_dir":
             config[key] = folder

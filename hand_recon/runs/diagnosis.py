@@ -1,4 +1,4 @@
-"""Looks at what this machine has of what hand_recon can use, and names the next command to type."""
+"""Checks software, devices, disk, datasets and caches, and names the next command to type."""
 
 import json
 import sys
@@ -29,7 +29,7 @@ COMMANDS: Final = ("python ", "make ")
 
 
 def examine(config: DictConfig) -> dict[str, list[Finding]]:
-    """Everything that was looked at, by section.
+    """Run every check, by section.
 
     Args:
         config: `conf/doctor.yaml` composed.
@@ -56,7 +56,7 @@ def next_command(sections: dict[str, list[Finding]]) -> str:
     broken = [one for one in commands if one.state == "wrong"]
     waiting = [one for one in commands if one.state == "absent" and "not converted" in one.found]
     datasets = [one for one in commands if one.state == "good"]
-    # Sets of one's own, and such as are not whole.
+    # Datasets of the user's own, and incomplete ones.
     partial = [one for one in commands if one.state == "absent" and "prepare check" in one.cure]
     for candidates in (broken, waiting, datasets, partial):
         if candidates:
@@ -65,7 +65,7 @@ def next_command(sections: dict[str, list[Finding]]) -> str:
 
 
 def show(sections: dict[str, list[Finding]], console: Console) -> None:
-    """The findings as tables, and the next command."""
+    """Print the findings as tables, and the next command."""
     for title, findings in sections.items():
         table = Table(
             title=title, title_justify="left", show_header=False, box=None, pad_edge=False
@@ -82,7 +82,7 @@ def show(sections: dict[str, list[Finding]], console: Console) -> None:
 
 
 def doctor(config: DictConfig) -> bool:
-    """Look, and say what was found.
+    """Run the checks and print them.
 
     Args:
         config: `conf/doctor.yaml` composed.
@@ -95,14 +95,14 @@ def doctor(config: DictConfig) -> bool:
         content = {title: [asdict(one) for one in found] for title, found in sections.items()}
         sys.stdout.write(json.dumps({**content, "next": next_command(sections)}, indent=2) + "\n")
     else:
-        # Commands are there to be copied: no line of them is broken for a log.
+        # Commands are copied from the output, so lines of a log are not broken.
         width = None if sys.stdout.isatty() else 200
         show(sections, Console(highlight=False, width=width))
     return all(one.state != "wrong" for found in sections.values() for one in found)
 
 
 def doctor_command(config: DictConfig) -> None:
-    """Look, and exit with status 1 if something is broken.
+    """Run the checks; exit with status 1 if something is broken.
 
     Args:
         config: `conf/doctor.yaml` composed.

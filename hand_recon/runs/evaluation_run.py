@@ -57,14 +57,14 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
             trained.data = config.data
         use_cache(trained.data, config.paths.cache)
         trained.trainer = config.trainer
-    # The constant predictor is of the data that the checkpoint was trained on.
+    # The mean hand of the training data is no baseline for another dataset.
     mean = None if other_data else loaded.mean_pose
     facts = {"checkpoint": str(config.ckpt)}
     data = build_data(trained)
     check_input(loaded.module, data)
     protocol = None if config.protocol is None else protocol_named(config.protocol)
     if protocol is not None:
-        # Before anything is predicted.
+        # Checked before minutes of prediction.
         benchmark_of(data, protocol)
     hand = loaded.module.regressor.hand.name
     collected = BenchmarkPredictions(hand)
@@ -81,7 +81,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
 
 
 def _device(config: DictConfig) -> str:
-    """A GPU if there is one and the trainer was not told otherwise."""
+    """Device to predict on: a GPU if there is one and the trainer does not exclude it."""
     allowed = config.trainer.get("accelerator", "auto") != "cpu"
     return "cuda" if allowed and torch.cuda.is_available() else "cpu"
 
@@ -93,7 +93,7 @@ def _submit(
     benchmark = benchmark_of(data, protocol)
     ids = None if benchmark.ids is None else torch.from_numpy(benchmark.ids)
     wrists = None if benchmark.wrists is None else torch.from_numpy(benchmark.wrists)
-    # Once: what is scored here is what is written.
+    # Rooted once, so that what is scored is what is written.
     points = rooted(tested.prediction, wrists)
     if points.vertices is None and protocol.scores_vertices:
         logger.warning(

@@ -1,4 +1,4 @@
-"""The paper's pictures from trained rows of Table 1: what knowledge and the likelihood change (Fig. 3, 4)."""
+"""Draws the paper's Fig. 3 and 4 from trained rows of Table 1."""
 
 import logging
 from collections.abc import Sequence
@@ -45,20 +45,20 @@ class Rows:
     """Predictions of the rows of Table 1 for the same test hands."""
 
     titles: tuple[str, ...]
-    """As in Fig. 3."""
+    """Titles of the rows as in Fig. 3."""
     predictions: tuple[HandPrediction, ...]
-    """One per row, of the whole pool."""
+    """Predictions of each row for the whole pool."""
     uncertain: bool
     """True if the last row has learnt σ."""
     batch: HandBatch
-    """The pool of test hands."""
+    """Pool of test hands."""
     faces: torch.Tensor
-    """The hand's triangles."""
+    """Triangles of the hand."""
     errors: Float[np.ndarray, "row hand"]
     """E_J, millimetres; NaN where there is no ground truth."""
 
     def of(self, hands: Sequence[int], first: int = 0) -> "Rows":
-        """Some of the hands, and the rows from one on."""
+        """Select some of the hands, and the rows from `first` on."""
         chosen = torch.tensor(list(hands))
         predictions = tuple(prediction.select(chosen) for prediction in self.predictions)
         return replace(
@@ -113,11 +113,11 @@ def figures(config: DictConfig) -> dict[str, str]:
     else:
         logger.warning("No row with the NLL is among the runs: there is no σ to draw (Fig. 4).")
     folder.mkdir(parents=True, exist_ok=True)
-    return {name: _save(folder / f"{name}.png", picture) for name, picture in drawn.items()}
+    return {name: _save(folder / f"{name}.png", image) for name, image in drawn.items()}
 
 
 def _rows_to_draw(config: DictConfig) -> list[tuple[str, FinishedRun, bool]]:
-    """Title, run and whether σ was learnt, of each row that was run with one seed that all have."""
+    """Select one run per row of Table 1, all of one seed: title, run, and whether σ was learnt."""
     compared = Compared(tuple(config.method), tuple(config.ignored))
     found = collect(config.runs, Path(config.paths.output), compared)
     if not found.studies or not any(found.studies[0].row(paper.name) for paper in TABLE_1):
@@ -197,13 +197,13 @@ def _hands_by_gain(rows: Rows, config: DictConfig) -> list[int]:
 
 
 def _spread(values: Float[np.ndarray, " hand"], count: int) -> list[int]:
-    """Places of values at evenly spaced ranks, 5 % away from either end, largest first."""
+    """Positions of values at evenly spaced ranks, 5 % away from either end, largest first."""
     order = np.argsort(-np.nan_to_num(values, nan=-np.inf), kind="stable")
     ranks = np.linspace(0.05, 0.95, count) * (len(order) - 1)
     return list(dict.fromkeys(order[ranks.round().astype(int)].tolist()))
 
 
-def _save(path: Path, picture: UInt8[np.ndarray, "height width 3"]) -> str:
-    cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+def _save(path: Path, image: UInt8[np.ndarray, "height width 3"]) -> str:
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     logger.info("Open %s", path)
     return str(path)

@@ -48,7 +48,7 @@ def fit_dataset(
         done = 0
         for part in fit_in_parts(landmarks, fitter):
             whole = batch.select(slice(done, done + len(part)))
-            # Not those alone that came out finite: a fit that explodes must not score better for it.
+            # Fits that are not finite are scored too, as errors: leaving them out would improve the score.
             kept = part.observed.usable
             scores.update(whole.select(kept), part.prediction.to(torch.float32).select(kept))
             done += len(part)

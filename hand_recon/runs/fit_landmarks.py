@@ -30,9 +30,9 @@ class ReconstructedHands:
     """3D hands fitted to 2D landmarks, as NumPy arrays; numbers of hands without a result are NaN."""
 
     parts: tuple[FittedHands, ...] = field(repr=False)
-    """The hands in their order, some at a time, as the library's own records."""
+    """Fitted hands in their order, in parts."""
     faces: Int[np.ndarray, "face 3"] = field(repr=False)
-    """Triangles of a right hand's mesh; a left hand's face the other way."""
+    """Triangles of a right hand's mesh; reverse them for a left hand."""
 
     def __len__(self) -> int:
         return sum(len(part) for part in self.parts)
@@ -153,7 +153,7 @@ def _landmark_set(
     intrinsics: Any,  # noqa: ANN401
     confidence: Any,  # noqa: ANN401
 ) -> LandmarkSet:
-    """The record that is fitted to, checked."""
+    """Check the arrays and make the record that is fitted to."""
     found = np.asarray(points, dtype=np.float64)
     array = found[None] if found.ndim == 2 else found
     if array.ndim != 3 or array.shape[1:] != (21, 2) or not len(array):
@@ -181,7 +181,7 @@ def _landmark_set(
 
 
 def _per_hand(name: str, values: Any, shape: tuple[int, ...]) -> torch.Tensor:  # noqa: ANN401
-    """An array of one entry per hand, or one entry for all."""
+    """Check an array of one entry per hand, or one entry for all, and expand it to one per hand."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in (shape, shape[1:]):
         raise ValueError(f"{name} has the shape {array.shape}; expected {shape} or {shape[1:]}.")

@@ -74,7 +74,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
 
 
 def adapted_to_data(config: DictConfig) -> DictConfig:
-    """The configuration with the landmark set of a file, or the seed of a dataset."""
+    """Copy the configuration with the landmark set of a file, or the seed of a dataset, put in."""
     config = config.copy()
     data = config.get("data")
     with open_dict(config):

@@ -1,4 +1,4 @@
-"""Prepares what is licensed, slow or doubtful: MANO, caches, labels."""
+"""Converts MANO, fills caches, and checks the labels of datasets."""
 
 import json
 import logging
@@ -96,7 +96,7 @@ def cache(config: DictConfig) -> dict[str, Any]:
     for path, size in stale.items():
         logger.warning(
             "%s holds %.2f GB of crops of a dataset that has changed since: nothing reads them. "
-            "rm -r it if you like.", path, size / 1e9,
+            "Remove the folder to free the space.", path, size / 1e9,
         )  # fmt: skip
     return {
         "samples": counts,

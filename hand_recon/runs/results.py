@@ -46,7 +46,7 @@ ALIGNED = tuple(
     for name in ("E_J", "AUC_J", "E_V", "AUC_V", "F@5", "F@15")
     for suffix in ("", "_proper")
 )
-"""Scores after alignment: the only ones that mean something for a constant hand."""
+"""Scores after alignment; a constant hand has no meaningful others."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Run:
     module: HandReconstruction
     data: HandDataModule
     mean_pose: HandPoints | None
-    """The constant predictor to compare with; none where the training data have no 3D."""
+    """Mean training hand, the constant predictor; none if the training data have no 3D labels."""
     facts: dict[str, Any]
     """Further entries of `metrics.json`."""
     observers: tuple[Observer, ...] = ()
@@ -66,7 +66,7 @@ class Run:
 
 
 def finish_run(run: Run) -> dict[str, Any]:
-    """Test, print the table, and write metrics, pictures and the report.
+    """Test, print the table, and write metrics, images and the report.
 
     Returns:
         What `metrics.json` holds.
@@ -83,7 +83,7 @@ def finish_run(run: Run) -> dict[str, Any]:
         **run.facts,
         "environment": environment(),
     }
-    # At once, and again with the baseline: no later failure may cost the scores.
+    # Written before the baseline is known, so that a later failure does not lose the scores.
     write_json(run.folder / "metrics.json", metrics)
     _write_per_hand(run)
     if constant is not None:
@@ -113,7 +113,9 @@ def mean_pose(data: HandDataModule) -> HandPoints | None:
 
 def _test(run: Run, constant: ConstantHand | None) -> dict[str, float]:
     """Scores on the test hands, in single precision whatever the training's was."""
-    observers = run.observers if constant is None else (*run.observers, constant)
+    observers: tuple[Observer, ...] = run.observers
+    if constant is not None:
+        observers = (*observers, constant)
     trainer = instantiate(
         run.config.trainer,
         precision="32-true",
@@ -137,14 +139,14 @@ def sees_all_batches(config: DictConfig) -> bool:
 
 
 def _write_per_hand(run: Run) -> None:
-    """The 3D scores of each test hand, for intervals and paired comparisons."""
+    """Write the 3D scores of each test hand, for intervals and paired comparisons."""
     index, columns = run.module.test.last_per_hand
     if columns:
         write_per_hand(run.folder / "per_hand.csv", index, columns)
 
 
 def write_per_hand(path: Path, index: Tensor, columns: dict[str, Tensor]) -> None:
-    """One row per hand: its place in the dataset and its scores, as `HandMetrics.per_hand` gives them."""
+    """Write a CSV with one row per hand: its index and its scores, as `HandMetrics.per_hand` has them."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["index", *columns])
@@ -155,12 +157,12 @@ def write_per_hand(path: Path, index: Tensor, columns: dict[str, Tensor]) -> Non
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write what a run leaves for other programs."""
+    """Write a JSON file, indented."""
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _write_report(run: Run, metrics: dict[str, Any]) -> None:
-    """Overlays, curves where there is a log, and the page that shows them."""
+    """Draw overlays and, if there is a log, curves, and write the page that shows them."""
     shown = _shown_hands(run)
     overlays = tuple(_draw_overlays(run, shown)) if shown else ()
     log, curves = run.folder / "csv" / "metrics.csv", run.folder / "curves.png"
@@ -189,16 +191,16 @@ class _Shown:
     """Test hands that the report shows."""
 
     indices: list[int]
-    """Their places in the test set."""
+    """Positions in the test set."""
     batch: HandBatch
-    """As the dataset gives them."""
+    """Samples of the dataset."""
     prediction: HandPrediction
     """Predictions for those hands."""
 
 
 @torch.no_grad()
 def _shown_hands(run: Run) -> _Shown | None:
-    """Test hands spread evenly over the set; none if no picture is wanted."""
+    """Predict test hands spread evenly over the set; None if no image is wanted."""
     dataset = run.data.dataset("test")
     indices = evenly_spaced(len(dataset), int(run.config.report.images))
     if not indices:
@@ -209,28 +211,28 @@ def _shown_hands(run: Run) -> _Shown | None:
 
 
 def _draw_overlays(run: Run, shown: _Shown) -> list[Path]:
-    """One row of pictures per hand, from the best reconstructed to the worst."""
+    """Draw one row of images per hand, from the smallest error to the largest."""
     error = (shown.prediction.landmarks_2d - shown.batch.landmarks_2d).norm(dim=-1)
     order = torch.nanmean(error, dim=-1).nan_to_num(torch.inf).argsort().tolist()
-    pictures = rows(shown.batch, shown.prediction, run.module.regressor.hand.faces)
+    images = rows(shown.batch, shown.prediction, run.module.regressor.hand.faces)
     folder = run.folder / "overlays"
     folder.mkdir(exist_ok=True)
     paths = []
     for rank, position in enumerate(order):
         path = folder / f"{rank:02d}_sample{shown.indices[position]}.png"
-        cv2.imwrite(str(path), cv2.cvtColor(pictures[position], cv2.COLOR_RGB2BGR))
+        cv2.imwrite(str(path), cv2.cvtColor(images[position], cv2.COLOR_RGB2BGR))
         paths.append(path)
     return paths
 
 
 def _draw_ellipses(run: Run, shown: _Shown) -> tuple[tuple[str, Path], ...]:
-    """The surest and the least sure of these hands (Fig. 4b), where σ was learnt."""
+    """Draw the hands with the smallest and the largest σ (Fig. 4b), if σ was learnt."""
     if not run.module.data_term.learns_sigma:
         return ()
     path = run.folder / "uncertainty.png"
     count = min(4, len(shown.indices) // 2)
-    picture = rank_by_uncertainty(shown.batch, shown.prediction, count=count)
-    cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    image = rank_by_uncertainty(shown.batch, shown.prediction, count=count)
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     caption = "Test hands of the largest and the smallest mean σ; ellipses of 1σ and 2σ."
     return ((caption, path),)
 

@@ -42,7 +42,7 @@ class Earlier:
 
 
 def earlier_run(config: DictConfig) -> Earlier | None:
-    """The run to continue, once it is known to have had the same settings; none for a new run.
+    """Find the run to continue and check that its settings are the same; None for a new run.
 
     Raises:
         FileNotFoundError: There is no such checkpoint.
@@ -67,12 +67,12 @@ def earlier_run(config: DictConfig) -> Earlier | None:
         for name, state in checkpoint["callbacks"].items()
         if name.startswith("ModelCheckpoint")
     ]
-    # The checkpoint is written at the end of the epoch whose number, from zero, it holds.
+    # A checkpoint holds the number of the epoch, from zero, at whose end it was written.
     return Earlier(path, path.with_name("best.ckpt"), min(scores), int(checkpoint["epoch"]) + 1)
 
 
 def best_checkpoint(trainer: lightning.Trainer, folder: Path, earlier: Earlier | None) -> Path:
-    """The best checkpoint of a run and of the one that it continued, in the run's own folder.
+    """Find the best checkpoint of a run and of the one that it continued, in the run's own folder.
 
     Args:
         trainer: After training.
@@ -85,7 +85,7 @@ def best_checkpoint(trainer: lightning.Trainer, folder: Path, earlier: Earlier |
     callback = trainer.checkpoint_callback
     found = Path(getattr(callback, "best_model_path", "") or "absent")
     score = getattr(callback, "best_model_score", None)
-    # A continued run that had nothing left to do still knows the path in the earlier folder.
+    # If no epoch was left to train, Lightning still has the path in the earlier folder.
     trained = found.is_relative_to(folder) and found.is_file()
     if not trained and earlier is None:
         raise ValueError(
@@ -108,7 +108,7 @@ def best_checkpoint(trainer: lightning.Trainer, folder: Path, earlier: Earlier |
 
 
 def _settings(config: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
-    """The leaves that must match, by their dotted names."""
+    """Yield the settings that must match, by their dotted names."""
     for key in MUST_MATCH:
         yield from _leaves(key, config.get(key))
 

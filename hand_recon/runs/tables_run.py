@@ -1,4 +1,4 @@
-"""The paper's tables beside ours, from the runs that there are (Sec. 4.2, 4.3, 5)."""
+"""Writes finished runs as the paper's Tables 1 to 3 (Sec. 4.2, 4.3, 5)."""
 
 import logging
 from pathlib import Path

@@ -19,19 +19,19 @@ def is_interactive() -> bool:
 
 
 def quiet_libraries() -> None:
-    """Leave out what the libraries say of themselves: their advertisements, and their own deprecations."""
+    """Silence the libraries' advertisements and their own deprecation warnings."""
     for name in ("lightning.pytorch.utilities.rank_zero", "lightning.pytorch.accelerators.cuda"):
         logging.getLogger(name).setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=r".*treespec, LeafSpec", module="lightning")
 
 
 def progress_callback() -> lightning.Callback:
-    """A rich progress bar where somebody watches a terminal, one line per epoch elsewhere."""
+    """A progress bar on a terminal, one line per epoch elsewhere."""
     return RichProgressBar(leave=False) if is_interactive() else PlainProgress()
 
 
 class PlainProgress(lightning.Callback):
-    """One line per epoch: what was learnt, how fast, and how long it will still take.
+    """Log one line per epoch: losses and scores, time, and time left.
 
     With many epochs, some forty lines for the whole run.
     """

@@ -1,4 +1,4 @@
-"""Fit, test the best checkpoint, print a table, write pictures and a report (Sec. 3.4, 4)."""
+"""Trains a model, tests its best checkpoint and writes the results (Sec. 3.4, 4)."""
 
 import logging
 import time
@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 
 def train(config: DictConfig) -> dict[str, Any]:
-    """Run the main job.
+    """Train, test the best checkpoint, and write metrics, images and a report.
 
     Args:
         config: `conf/train.yaml` composed, with `paths.run` a folder without a run in it.
@@ -46,7 +46,7 @@ def train(config: DictConfig) -> dict[str, Any]:
     parameters = sum(parameter.numel() for parameter in module.parameters())
     logger.info("%s: %.1f M parameters, %d threads", config.name, parameters / 1e6, threads)
     logger.info("If it is interrupted, the same command with resume=%s goes on.", folder)
-    # Data are rendered or decoded before the clock starts, so that the speed is the training's.
+    # Data are rendered or decoded before the time is taken: the speed is that of training alone.
     data.setup("fit")
     mean = mean_pose(data)
     trainer = build_trainer(config, mean)

@@ -100,9 +100,9 @@ def test_commands_make_idle_threads_sleep_before_torch_is_loaded(tmp_path: Path)
 
 def test_an_unknown_verb_is_refused_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as refused:
-        main(["trian"])
+        main(["rtain"])
     assert refused.value.code == 2
-    assert "Unknown verb 'trian'; did you mean train?" in capsys.readouterr().err
+    assert "Unknown verb 'rtain'; did you mean train?" in capsys.readouterr().err
 
 
 def test_an_unknown_nested_option_is_refused_with_the_nearest(
