@@ -21,8 +21,14 @@ def known_names(config_name: str) -> frozenset[str]:
     Args:
         config_name: A file of `conf`, without its ending.
     """
-    content = _content(config_name)
-    return frozenset(str(key) for key in content if key != "defaults") | groups(config_name)
+    keys = {str(key) for key in _content(config_name)}
+    for group in groups(config_name):
+        for member in (Path(CONF) / group).glob("*.yaml"):
+            text = member.read_text(encoding="utf-8")
+            # Members such as recipes write into the root.
+            if "@package _global_" in text.partition("\n")[0]:
+                keys |= {str(key) for key in yaml.safe_load(text) or ()}
+    return frozenset(keys - {"defaults"}) | groups(config_name)
 
 
 @cache

@@ -31,10 +31,13 @@ def register_resolvers() -> None:
 def folder_name(overrides: str) -> str:
     """A run's overrides as the name of its folder, in characters that a later override may contain.
 
-    `+experiment=ablation_row1,seed=2` becomes `experiment-ablation_row1__seed-2`. A name that file systems
+    `seed=2,experiment=ablation_row1` becomes `experiment-ablation_row1__seed-2`. A name that file systems
     find too long ends in a digest.
     """
-    name = re.sub(r"[^\w.-]+", "-", overrides.replace(",", "__").replace("+", "")).strip("-")
+    # Hydra sorts overrides by name; the experiment says most and comes first.
+    words = overrides.replace("+", "").split(",")
+    words.sort(key=lambda word: not word.startswith("experiment="))
+    name = re.sub(r"[^\w.-]+", "-", "__".join(words)).strip("-")
     if len(name.encode()) <= LONGEST_NAME:
         return name
     digest = hashlib.sha256(name.encode()).hexdigest()[:8]

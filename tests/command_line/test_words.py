@@ -114,6 +114,11 @@ def test_a_group_of_the_defaults_list_may_be_given_with_or_without_a_plus() -> N
     assert overrides("train", "+experiment=ablation_row3") == overrides("train", *row) == row
 
 
+def test_keys_that_a_recipe_adds_are_known() -> None:
+    """`crop_size` is in conf/recipe, not in conf/train.yaml."""
+    assert overrides("train", "crop_size=48") == ["crop_size=48"]
+
+
 def test_a_sweep_over_files_names_each_of_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

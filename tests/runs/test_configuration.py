@@ -241,7 +241,8 @@ def test_a_dataset_without_its_folder_is_refused_with_the_cure() -> None:
 
 
 def test_long_overrides_make_short_names_that_differ() -> None:
-    assert folder_name("experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
+    assert folder_name("+experiment=ablation_row1,seed=2") == "experiment-ablation_row1__seed-2"
+    assert folder_name("crop_size=4,experiment=row1") == "experiment-row1__crop_size-4"
     long = ",".join(f"some.key{number}=some/value" for number in range(40))
     names = {folder_name(long), folder_name(long + ",seed=1"), folder_name(long + ",seed=2")}
     assert len(names) == 3
