@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.data.landmarks.crops import LandmarkCrops, uncrop_prediction
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.hands_file import HandRecords
 from hand_recon.schema import HandParameters, HandPrediction
 
@@ -21,7 +21,7 @@ Record = TypeVar("Record", HandParameters, HandPrediction)
 class FittedHands:
     """Hands that were fitted to landmarks, on the CPU and in their images: left hands are left hands."""
 
-    observed: LandmarkSet
+    observed: ImageLandmarks
     """The given landmarks."""
     prediction: HandPrediction
     """The hands, camera frame and pixels of the image, as `uncrop_prediction` returns them."""
@@ -79,7 +79,7 @@ class FittedHands:
 
 
 def fitted_hands(
-    observed: LandmarkSet,
+    observed: ImageLandmarks,
     crops: LandmarkCrops,
     prediction: HandPrediction,
     loss: dict[str, Float[Tensor, " hand"]],

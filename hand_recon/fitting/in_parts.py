@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from hand_recon.data.landmarks.crops import to_crops
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.progress import with_progress
 from hand_recon.fitting.descent import Fitted
 from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
@@ -17,7 +17,9 @@ Fitter = Callable[[HandBatch], Fitted]
 """From crops of landmarks to hands."""
 
 
-def fit_in_parts(landmarks: LandmarkSet, fitter: Fitter, size: int = PART) -> Iterator[FittedHands]:
+def fit_in_parts(
+    landmarks: ImageLandmarks, fitter: Fitter, size: int = PART
+) -> Iterator[FittedHands]:
     """Yield the hands in order as they are fitted; hands with too few landmarks keep their positions.
 
     Args:

@@ -10,7 +10,7 @@ import torch
 from omegaconf import DictConfig
 
 from hand_recon.data.datamodule import load_batch
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
@@ -33,7 +33,7 @@ def fit_dataset(
     dataset = data.dataset("test")
     count = min(int(config.hands), len(dataset))
     batch = load_batch(dataset, list(range(count)))
-    landmarks = LandmarkSet(
+    landmarks = ImageLandmarks(
         landmarks_2d=batch.landmarks_2d.double(),
         labelled=batch.labelled,
         left=torch.zeros(count, dtype=torch.bool),

@@ -12,7 +12,7 @@ from hydra import compose, initialize_config_dir
 from jaxtyping import Bool, Float, Int
 
 from hand_recon.command_line.configuration_files import CONF
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hands_file import HandRecords
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
@@ -132,10 +132,10 @@ def fit_landmarks(
     Raises:
         ValueError: Shapes, sides or confidences are not as above.
     """
-    if isinstance(points, LandmarkSet):
+    if isinstance(points, ImageLandmarks):
         landmarks = points
     else:
-        landmarks = _landmark_set(points, side, intrinsics, confidence)
+        landmarks = _image_landmarks(points, side, intrinsics, confidence)
     if images is not None:
         files = tuple(None if one is None else Path(one) for one in images)
         landmarks = replace(landmarks, images=files)
@@ -147,12 +147,12 @@ def fit_landmarks(
     return ReconstructedHands(parts, hand.faces.numpy())
 
 
-def _landmark_set(
+def _image_landmarks(
     points: Any,  # noqa: ANN401
     side: str | Sequence[str],
     intrinsics: Any,  # noqa: ANN401
     confidence: Any,  # noqa: ANN401
-) -> LandmarkSet:
+) -> ImageLandmarks:
     """Check the arrays and make the record that is fitted to."""
     found = np.asarray(points, dtype=np.float64)
     array = found[None] if found.ndim == 2 else found
@@ -168,7 +168,7 @@ def _landmark_set(
             f"side is {side!r}; expected right or left, or one of them for each of {count} hands."
         )
     tensor = torch.from_numpy(array)
-    return LandmarkSet(
+    return ImageLandmarks(
         landmarks_2d=tensor,
         labelled=tensor.isfinite().all(dim=-1),
         left=torch.tensor([one == "left" for one in sides]),

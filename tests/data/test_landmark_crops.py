@@ -11,7 +11,12 @@ from hypothesis import strategies as st
 from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
 from hand_recon.data.crop import around_landmarks, crop_intrinsics, crop_matrix, crop_points
 from hand_recon.data.landmarks.crops import LandmarkCrops, to_crops, uncrop_prediction
-from hand_recon.data.landmarks.landmark_set import LandmarkSet, mirror, mirror_left, mirror_matrices
+from hand_recon.data.landmarks.image_landmarks import (
+    ImageLandmarks,
+    mirror,
+    mirror_left,
+    mirror_matrices,
+)
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandParameters, HandPrediction
 from tests.support.tolerance import assert_close
@@ -40,12 +45,14 @@ def cameras(skew: float = 0.0) -> torch.Tensor:
     return matrices
 
 
-def seen(seed: int, *, calibrated: bool = True, hidden: int = 0, skew: float = 0.0) -> LandmarkSet:
+def seen(
+    seed: int, *, calibrated: bool = True, hidden: int = 0, skew: float = 0.0
+) -> ImageLandmarks:
     pixels = project(hands_in_view(seed), cameras(skew))
     labelled = torch.ones(HANDS, 21, dtype=torch.bool)
     labelled[:, 21 - hidden :] = False
     pixels[~labelled] = torch.nan
-    return LandmarkSet(
+    return ImageLandmarks(
         landmarks_2d=pixels,
         labelled=labelled,
         left=LEFT,
@@ -55,7 +62,7 @@ def seen(seed: int, *, calibrated: bool = True, hidden: int = 0, skew: float = 0
     )
 
 
-def assert_equal_sets(actual: LandmarkSet, expected: LandmarkSet) -> None:
+def assert_equal_sets(actual: ImageLandmarks, expected: ImageLandmarks) -> None:
     assert torch.equal(actual.left, expected.left)
     assert torch.equal(actual.labelled, expected.labelled)
     torch.testing.assert_close(
@@ -92,7 +99,7 @@ def test_a_hand_needs_four_landmarks_in_more_than_one_place() -> None:
 
 def test_names_and_images_must_be_as_many_as_hands() -> None:
     with pytest.raises(ValueError, match="4 hands have 4 names and 1 images; expected one of each"):
-        LandmarkSet(
+        ImageLandmarks(
             seen(0).landmarks_2d, seen(0).labelled, LEFT, tuple("abcd"), images=(Path("a.png"),)
         )
 
@@ -137,8 +144,8 @@ def test_u_is_mirrored_about_the_principal_point_or_the_middle_of_the_box() -> N
     pixels[0, 0, 0], pixels[0, 1, 0] = 100.0, 180.0
     labelled = torch.ones(1, 21, dtype=torch.bool)
     yes = torch.tensor([True])
-    known = LandmarkSet(pixels, labelled, yes, ("a",), intrinsics=cameras()[:1])
-    unknown = LandmarkSet(pixels, labelled, yes, ("a",))
+    known = ImageLandmarks(pixels, labelled, yes, ("a",), intrinsics=cameras()[:1])
+    unknown = ImageLandmarks(pixels, labelled, yes, ("a",))
     assert mirror_left(known).landmarks_2d[0, :2, 0].tolist() == [540.0, 460.0]
     assert mirror_left(unknown).landmarks_2d[0, :2, 0].tolist() == [180.0, 100.0]
     assert mirror_left(known).landmarks_2d[0, 0, 1] == 120.0

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.landmark_set import mirror_left
+from hand_recon.data.landmarks.image_landmarks import mirror_left
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS
 from tests.support.landmark_writing import (

@@ -9,7 +9,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import SIDES
 
 WIDTH: Final = 200
@@ -137,7 +137,7 @@ FORMS: Final[dict[str, Callable[[Dotted], Path]]] = {
 }  # fmt: skip
 
 
-def assert_same_points(landmarks: LandmarkSet, dotted: Dotted) -> None:
+def assert_same_points(landmarks: ImageLandmarks, dotted: Dotted) -> None:
     """Fail unless the landmarks and sides are those that were drawn."""
     np.testing.assert_allclose(landmarks.landmarks_2d.numpy(), dotted.points)
     assert landmarks.left.tolist() == [side == "left" for side in dotted.sides]

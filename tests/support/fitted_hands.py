@@ -6,7 +6,7 @@ import torch
 
 from hand_recon.camera import default_intrinsics, project, six_d_to_rotation
 from hand_recon.data.landmarks.crops import to_crops
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
 from hand_recon.fitting.results import ResultOptions
 from hand_recon.hand.model import HandModel
@@ -36,7 +36,7 @@ def fitted(hand: HandModel, *, calibrated: bool = True, off: float = 0.0) -> Fit
     labelled = torch.ones(3, 21, dtype=torch.bool)
     labelled[0, 5], labelled[2] = False, False
     seen[~labelled] = torch.nan
-    observed = LandmarkSet(
+    observed = ImageLandmarks(
         seen, labelled, left, ("a b.jpg", "b/c.png", "third"), intrinsics=CAMERA.expand(3, 3, 3)
     )
     crops = to_crops(observed)

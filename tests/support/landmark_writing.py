@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 
 POINTS = np.random.default_rng(0).uniform(5, 1900, (3, 21, 2)).round(2)
 SCORES = np.random.default_rng(1).uniform(0.1, 1, (3, 21)).round(3)
@@ -31,7 +31,7 @@ def table(folder: Path, rows: list[list[Any]], delimiter: str = ",") -> Path:
     return folder / "landmarks.csv"
 
 
-def assert_same_hands(landmarks: LandmarkSet, points: np.ndarray = POINTS) -> None:
+def assert_same_hands(landmarks: ImageLandmarks, points: np.ndarray = POINTS) -> None:
     np.testing.assert_array_equal(landmarks.landmarks_2d.numpy(), points)
     assert (landmarks.labelled.numpy() == np.isfinite(points).all(axis=-1)).all()
 

@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.data.landmarks.landmark_set import (
-    LandmarkSet,
+from hand_recon.data.landmarks.image_landmarks import (
+    ImageLandmarks,
     boxes,
     mirror_camera,
     mirror_left,
@@ -32,12 +32,12 @@ class LandmarkCrops:
     """True for left hands, which are mirrored."""
 
 
-def to_crops(landmarks: LandmarkSet, expansion: float = 1.5) -> LandmarkCrops:
+def to_crops(landmarks: ImageLandmarks, expansion: float = 1.5) -> LandmarkCrops:
     """Cut a square about each hand's labelled landmarks.
 
     Where fewer than two landmarks are labelled, or all coincide, there is no box: the crop is centred on
     the labelled landmark at the image's own resolution, so that the other hands keep their positions in the
-    batch (`LandmarkSet.usable` is False for such hands).
+    batch (`ImageLandmarks.usable` is False for such hands).
 
     Args:
         landmarks: Hands of any image size; left ones are mirrored.
@@ -66,7 +66,7 @@ def to_crops(landmarks: LandmarkSet, expansion: float = 1.5) -> LandmarkCrops:
     return LandmarkCrops(batch, crop @ mirror_matrices(landmarks, landmarks.left), landmarks.left)
 
 
-def _crop_matrices(landmarks: LandmarkSet, expansion: float) -> Float[Tensor, "hand 3 3"]:
+def _crop_matrices(landmarks: ImageLandmarks, expansion: float) -> Float[Tensor, "hand 3 3"]:
     low, high = boxes(landmarks)
     side = (high - low).amax(dim=-1) * expansion
     side = torch.where(side > 0, side, float(REFERENCE_SIZE))

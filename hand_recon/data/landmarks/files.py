@@ -29,9 +29,9 @@ from pathlib import Path
 from hand_recon.data.landmarks.camera_files import read_intrinsics
 from hand_recon.data.landmarks.coco import is_coco, parse_coco
 from hand_recon.data.landmarks.csv_table import parse_csv
+from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks
 from hand_recon.data.landmarks.json_lists import LANDMARK_KEYS, parse_objects, parse_points
-from hand_recon.data.landmarks.landmark_set import FEWEST, LandmarkSet
-from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_landmark_set
+from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ def read_landmarks(
     path: str | Path,
     intrinsics: str | Path | None = None,
     assumed: Assumptions | None = None,
-) -> LandmarkSet:
+) -> ImageLandmarks:
     """Landmarks of N hands.
 
     Args:
@@ -61,7 +61,7 @@ def read_landmarks(
             logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
         cameras = read_intrinsics(Path(intrinsics).expanduser(), len(parsed.points))
         parsed = dataclasses.replace(parsed, intrinsics=cameras)
-    landmarks = to_landmark_set(path, parsed, assumed or Assumptions())
+    landmarks = to_image_landmarks(path, parsed, assumed or Assumptions())
     poor = [name for name, good in zip(landmarks.names, landmarks.usable, strict=True) if not good]
     if poor:
         logger.warning(

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
-from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_landmark_set
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
 
 logger = logging.getLogger(__name__)
 
@@ -42,7 +42,9 @@ def folders_of(root: Path, split: str) -> list[Path]:
     )  # fmt: skip
 
 
-def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = None) -> LandmarkSet:
+def read_hint(
+    root: Path, split: str = "train", assumed: Assumptions | None = None
+) -> ImageLandmarks:
     """The hands of a folder, or of a split of the whole archive.
 
     Hands whose image is missing are left out with a warning.
@@ -74,7 +76,7 @@ def read_hint(root: Path, split: str = "train", assumed: Assumptions | None = No
             f"No pair of an image and a JSON file of {split} in {root}; expected HInt's folders TRAIN_…, "
             "VAL_… and TEST_…, or one of them."
         )
-    return to_landmark_set(root / "*.json", _parsed(shown), assumed or Assumptions(side=None))
+    return to_image_landmarks(root / "*.json", _parsed(shown), assumed or Assumptions(side=None))
 
 
 def _image(path: Path) -> Path | None:

@@ -17,7 +17,7 @@ from torch import Tensor
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import digest, file_identity
 from hand_recon.data.images import read_image
-from hand_recon.data.landmarks.landmark_set import FEWEST, LandmarkSet, boxes
+from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks, boxes
 
 logger = logging.getLogger(__name__)
 
@@ -28,7 +28,7 @@ CHECKED_IMAGES: Final = 16
 """Number of images that are opened to check that the landmarks lie inside."""
 
 
-def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -> AnnotatedHands:
+def annotate(landmarks: ImageLandmarks, root: Path, around: str, min_side: float) -> AnnotatedHands:
     """Table of the hands that are usable for training; the number left out is logged.
 
     Args:
@@ -71,7 +71,7 @@ def annotate(landmarks: LandmarkSet, root: Path, around: str, min_side: float) -
     return table
 
 
-def hand_frames(landmarks: LandmarkSet, around: str) -> Float[Tensor, "hand 4"]:
+def hand_frames(landmarks: ImageLandmarks, around: str) -> Float[Tensor, "hand 4"]:
     """Box that each crop is made around: left, top, right and bottom, pixels of the image.
 
     Where fewer than `WHOLE` landmarks are labelled, their box may show a single finger: then a dataset's box,
@@ -100,7 +100,7 @@ def scene(image: Path) -> str:
     return str(image.with_name(re.sub(r"_[lr]$", "", image.stem)))
 
 
-def _images(landmarks: LandmarkSet, root: Path) -> list[Path]:
+def _images(landmarks: ImageLandmarks, root: Path) -> list[Path]:
     images = [image for image in landmarks.images if image is not None]
     if len(images) < len(landmarks):
         raise ValueError(
@@ -123,7 +123,7 @@ def _images(landmarks: LandmarkSet, root: Path) -> list[Path]:
 
 
 def _usable_for_training(
-    landmarks: LandmarkSet, frames: Float[Tensor, "hand 4"], min_side: float, root: Path
+    landmarks: ImageLandmarks, frames: Float[Tensor, "hand 4"], min_side: float, root: Path
 ) -> Bool[Tensor, " hand"]:
     enough = landmarks.usable
     tiny = enough & ((frames[:, 2:] - frames[:, :2]).amax(dim=-1) < min_side)

@@ -1,4 +1,4 @@
-"""Common form of parsed landmark files, and the checks that turn it into a `LandmarkSet`."""
+"""Common form of parsed landmark files, and the checks that turn it into `ImageLandmarks`."""
 
 import logging
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.hand.skeleton import landmark_permutation
 
 logger = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ def read_side(where: str, value: object) -> str | None:
     return side
 
 
-def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> LandmarkSet:
+def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) -> ImageLandmarks:
     """Check parsed hands and put the landmarks into the project's order.
 
     Args:
@@ -125,7 +125,7 @@ def to_landmark_set(path: Path, parsed: ParsedHands, assumed: Assumptions) -> La
     names = (
         name or image or str(n) for n, (name, image) in enumerate(zip(named, shown, strict=True))
     )
-    return LandmarkSet(
+    return ImageLandmarks(
         landmarks_2d=torch.from_numpy(points[:, order]),
         labelled=torch.from_numpy(labelled[:, order]),
         left=_which_left(path, parsed.sides, hands, assumed.side),

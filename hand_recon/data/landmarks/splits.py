@@ -16,7 +16,7 @@ from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.hint import folders_of, read_hint
 from hand_recon.data.landmarks.image_files import annotate, scene
-from hand_recon.data.landmarks.landmark_set import LandmarkSet
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
 
 logger = logging.getLogger(__name__)
@@ -148,7 +148,7 @@ class LandmarkSplits:
 
     def _read(self, source: Path, split: str) -> AnnotatedHands:
         recipe = self.recipe
-        landmarks: LandmarkSet
+        landmarks: ImageLandmarks
         if source.is_dir():
             landmarks = read_hint(source, split, recipe.assumed())
         else:

@@ -14,7 +14,7 @@ FEWEST: Final = 4
 
 
 @dataclass(frozen=True)
-class LandmarkSet:
+class ImageLandmarks:
     """Landmarks of N hands, in double precision, one camera per hand where cameras are known.
 
     Pixel i covers [i, i + 1), as everywhere in the project.
@@ -60,7 +60,7 @@ class LandmarkSet:
         low, high = boxes(self)
         return (self.labelled.sum(dim=-1) >= FEWEST) & ((high - low).amax(dim=-1) > 0)
 
-    def select(self, hands: slice | Tensor) -> "LandmarkSet":
+    def select(self, hands: slice | Tensor) -> "ImageLandmarks":
         """Some of the hands.
 
         Args:
@@ -81,14 +81,14 @@ class LandmarkSet:
             occluded=None if self.occluded is None else self.occluded[chosen],
         )
 
-    def parts(self, size: int) -> Iterator["LandmarkSet"]:
+    def parts(self, size: int) -> Iterator["ImageLandmarks"]:
         """Consecutive parts of at most `size` hands."""
         for start in range(0, len(self), size):
             yield self.select(slice(start, start + size))
 
 
 def boxes(
-    landmarks: LandmarkSet,
+    landmarks: ImageLandmarks,
 ) -> tuple[Float[Tensor, "hand 2"], Float[Tensor, "hand 2"]]:
     """Smallest and largest coordinates of the labelled landmarks, pixels.
 
@@ -102,7 +102,7 @@ def boxes(
 
 
 def mirror_matrices(
-    landmarks: LandmarkSet, which: Bool[Tensor, " hand"]
+    landmarks: ImageLandmarks, which: Bool[Tensor, " hand"]
 ) -> Float[Tensor, "hand 3 3"]:
     """Matrices from image pixels to mirrored image pixels for some hands, the identity for the others.
 
@@ -121,7 +121,7 @@ def mirror_matrices(
     return matrices
 
 
-def mirror(landmarks: LandmarkSet, which: Bool[Tensor, " hand"]) -> LandmarkSet:
+def mirror(landmarks: ImageLandmarks, which: Bool[Tensor, " hand"]) -> ImageLandmarks:
     """Mirror some hands: left ones become right ones and the other way round.
 
     The camera's x axis is negated too, so that a mirrored hand in 3D projects to its mirrored landmarks.
@@ -148,7 +148,7 @@ def _mirrored_boxes(
     return torch.cat([corners.amin(dim=1), corners.amax(dim=1)], dim=-1)
 
 
-def mirror_left(landmarks: LandmarkSet) -> LandmarkSet:
+def mirror_left(landmarks: ImageLandmarks) -> ImageLandmarks:
     """All hands as right hands; `mirror(result, landmarks.left)` undoes it."""
     return mirror(landmarks, landmarks.left)
 
