@@ -44,7 +44,7 @@ def gesture_sheet(columns: int) -> np.ndarray:
     """Draw every gesture from the palm and from the thumb's side, with its name and overlap in mm."""
     level = Level("sheet", cone=0.0, roll=0.0, shift=0.0, sleeve=0.0)
     recipe = Recipe("train", level, 160, 0)
-    model = open_hand(recipe.landmarks)
+    model = open_hand(recipe.landmark_set)
     side = axis_rotation(np.array([0.0, 1.0, 0.0]), np.radians(75))
     tiles = []
     for gesture in gesture_library():

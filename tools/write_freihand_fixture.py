@@ -25,7 +25,9 @@ def main() -> None:
         unique=arguments.unique,
         evaluation=arguments.evaluation,
         with_vertices=not arguments.without_vertices,
-        mano=None if arguments.mano is None else ManoLayer.load(arguments.mano, landmarks="mano"),
+        mano=None
+        if arguments.mano is None
+        else ManoLayer.load(arguments.mano, landmark_set="mano"),
         seed=arguments.seed,
     )
     write_freihand_layout(arguments.root, folder)

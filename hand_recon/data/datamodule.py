@@ -46,7 +46,7 @@ class HandDataModule(lightning.LightningDataModule):
 
     name = "hands"
     """Name of this dataset in reports."""
-    landmarks = "knuckle"
+    landmark_set = "knuckle"
     """The hand model's landmark set that this dataset's labels follow."""
 
     def __init__(

@@ -25,7 +25,7 @@ class ImageDataModule(HandDataModule):
         *location: Path | str | None,
         crop: CropPolicy | None = None,
         reading: ReadingPolicy | None = None,
-        landmarks: str | None = None,
+        landmark_set: str | None = None,
         batch_size: int = 64,
         workers: int = 0,
         augmentation: Augmentation | None = None,
@@ -38,14 +38,14 @@ class ImageDataModule(HandDataModule):
             *location: Location of the files: the recipe's first fields.
             crop: Size and position of the crops.
             reading: Caches and the number of damaged images allowed.
-            landmarks: Landmark set that the labels follow; None for the dataset's own.
+            landmark_set: Landmark set that the labels follow; None for the dataset's own.
             batch_size: Hands per batch and process.
             workers: Loading processes.
             augmentation: Applied to training batches.
             seed: Seed of the sample order and of the augmentation.
             **recipe: Other fields of the recipe.
         """
-        self.landmarks = landmarks or type(self).landmarks
+        self.landmark_set = landmark_set or type(self).landmark_set
         crop = crop or self.default_crop
         self.recipe = self.recipe_type(
             *location, crop=crop, reading=reading or ReadingPolicy(), **recipe

@@ -135,7 +135,7 @@ class MixtureDataModule(HandDataModule):
         weights: Mapping[str, float] | None = None,
         epoch_size: int | None = None,
         score_on: str | None = None,
-        landmarks: str | None = None,
+        landmark_set: str | None = None,
         batch_size: int = 64,
         workers: int = 0,
         augmentation: Augmentation | None = None,
@@ -148,7 +148,7 @@ class MixtureDataModule(HandDataModule):
             weights: Share of each dataset in the hands of an epoch, in any unit; None weighs them by size.
             epoch_size: Hands in an epoch; None takes as many as there are.
             score_on: The part whose validation and test hands are used; None takes the first.
-            landmarks: Landmark set that is learnt; None takes that of the scored part.
+            landmark_set: Landmark set that is learnt; None takes that of the scored part.
             batch_size: Hands per batch and process.
             workers: Loading processes.
             augmentation: Applied to training batches of all parts.
@@ -163,7 +163,7 @@ class MixtureDataModule(HandDataModule):
         self.epoch_size = epoch_size
         self._check()
         scored = self.parts[self.score_on]
-        self.landmarks = landmarks or scored.landmarks
+        self.landmark_set = landmark_set or scored.landmark_set
         self._warn_about_landmark_sets()
         # Reported scores are those on this dataset.
         self.name = scored.name
@@ -253,9 +253,9 @@ class MixtureDataModule(HandDataModule):
 
     def _warn_about_landmark_sets(self) -> None:
         for name, part in self.parts.items():
-            if part.landmarks != self.landmarks:
+            if part.landmark_set != self.landmark_set:
                 logger.warning(
                     "The labels of %s follow the landmark set %s, and the model learns the set %s: on the "
                     "open hand they differ by up to 14 mm at the MCPs, so that it learns a compromise.",
-                    name, part.landmarks, self.landmarks,
+                    name, part.landmark_set, self.landmark_set,
                 )  # fmt: skip

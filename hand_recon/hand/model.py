@@ -63,30 +63,30 @@ class HandModel(nn.Module):
     landmark_regressor: Tensor
     pose_directions: Tensor | None
 
-    def __init__(self, asset: HandAsset, landmarks: str = "knuckle") -> None:
+    def __init__(self, asset: HandAsset, landmark_set: str = "knuckle") -> None:
         """Build the model.
 
         Args:
             asset: The hand.
-            landmarks: Name of the asset's landmark set that `forward` returns.
+            landmark_set: Name of the asset's landmark set that `forward` returns.
 
         Raises:
             ValueError: The asset has no such landmark set.
         """
         super().__init__()
-        if landmarks not in asset.landmark_regressors:
+        if landmark_set not in asset.landmark_regressors:
             raise ValueError(
-                f"The hand {asset.name!r} has no landmark set {landmarks!r}; "
-                f"it has {sorted(asset.landmark_regressors)}. Choose one of these: data.landmarks=<set>."
+                f"The hand {asset.name!r} has no landmark set {landmark_set!r}; "
+                f"it has {sorted(asset.landmark_regressors)}. Choose one of these: data.landmark_set=<set>."
             )
         self.name = asset.name
-        self.landmarks = landmarks
+        self.landmark_set = landmark_set
         for name in ("template", "shape_directions", "joint_shape_directions", "skinning_weights",
                      "faces", "wrist_ring", "frames", "rest_angles", "pose_directions"):  # fmt: skip
             self.register_buffer(name, getattr(asset, name), persistent=False)
         self.register_buffer("joints_template", asset.joints, persistent=False)
         self.register_buffer(
-            "landmark_regressor", asset.landmark_regressors[landmarks], persistent=False
+            "landmark_regressor", asset.landmark_regressors[landmark_set], persistent=False
         )
 
     def rest(

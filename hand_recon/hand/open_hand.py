@@ -43,6 +43,6 @@ def load_open_hand() -> HandAsset:
     return HandAsset(name="open", landmark_regressors=regressors, **integers, **floats)
 
 
-def open_hand(landmarks: str = "knuckle") -> HandModel:
+def open_hand(landmark_set: str = "knuckle") -> HandModel:
     """Build the open hand with a landmark set: `knuckle`, or `mano` or one of `MANO_LABELLED`."""
-    return HandModel(load_open_hand(), landmarks)
+    return HandModel(load_open_hand(), landmark_set)

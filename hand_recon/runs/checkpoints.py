@@ -107,20 +107,20 @@ class Trained:
     """The mean training hand; none where the training data have no 3D."""
 
 
-def load_trained(path: str | Path, landmarks: str | None = None) -> Trained:
+def load_trained(path: str | Path, landmark_set: str | None = None) -> Trained:
     """Rebuild a checkpoint's module with its weights; see `read_checkpoint`.
 
     Args:
         path: Checkpoint, or folder of a run.
-        landmarks: Landmark set to predict in place of the one that was trained, for data whose
+        landmark_set: Landmark set to predict in place of the one that was trained, for data whose
             annotators put the landmarks elsewhere: the hand is the same.
 
     Raises:
         ValueError: The checkpoint was trained with another version of the hand.
     """
     checkpoint, config = read_checkpoint(path)
-    if landmarks is not None:
-        config.hand.landmarks = landmarks
+    if landmark_set is not None:
+        config.hand.landmark_set = landmark_set
     # The weights are in the checkpoint, so ImageNet weights are not downloaded.
     built = copy.deepcopy(config)
     if "weights" in built.model.encoder:

@@ -47,7 +47,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     quiet_libraries()
     configure_process(config.threads)
     other_data = config.get("data") is not None
-    loaded = load_trained(config.ckpt, config.data.landmarks if other_data else None)
+    loaded = load_trained(config.ckpt, config.data.landmark_set if other_data else None)
     trained = loaded.config
     lightning.seed_everything(trained.seed, workers=True, verbose=False)
     folder = claim_folder(config.paths.run)

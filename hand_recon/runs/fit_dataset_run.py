@@ -63,7 +63,7 @@ def fit_dataset(
         "name": config.name,
         "seed": config.seed,
         "data": data.name,
-        "landmarks": data.landmarks,
+        "landmarks": data.landmark_set,
         "test_hands": count,
         "test": test,
         "mean_pose": {},

@@ -79,7 +79,7 @@ def adapted_to_data(config: DictConfig) -> DictConfig:
     data = config.get("data")
     with open_dict(config):
         if data is None:
-            config.hand.landmarks = config.landmark_set
+            config.hand.landmark_set = config.landmark_set
         elif "data_seed" in data:
             data.data_seed = config.seed
     return config
@@ -109,7 +109,7 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
         from hand_recon.fitting.lift import lift, lifted_start
         from hand_recon.runs.checkpoints import load_trained
 
-        regressor = load_trained(config.lifter, config.hand.landmarks).module.regressor
+        regressor = load_trained(config.lifter, config.hand.landmark_set).module.regressor
         further = partial(lifted_start, regressor)
         if descent.steps == 0:
             return lambda batch: Fitted(

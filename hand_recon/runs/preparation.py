@@ -138,7 +138,7 @@ def check(config: DictConfig) -> LabelReport:
 
 def _show(report: LabelReport, data: HandDataModule, folder: Path) -> None:
     console = Console(highlight=False, soft_wrap=True)
-    console.print(f"[bold]{data.name}[/bold], landmarks as in the set {data.landmarks!r}")
+    console.print(f"[bold]{data.name}[/bold], landmarks as in the set {data.landmark_set!r}")
     for name, value in report.numbers.items():
         console.print(f"  {name:36} {value:10.3f}")
     scarce = {name: share for name, share in report.labelled.items() if share < 1}

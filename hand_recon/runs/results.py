@@ -76,7 +76,7 @@ def finish_run(run: Run) -> dict[str, Any]:
     metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
-        "landmarks": run.data.landmarks,
+        "landmarks": run.data.landmark_set,
         "test_hands": len(run.data.dataset("test")),
         "test": scores,
         "mean_pose": {},

@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small folder of each dataset, with MANO's form of hand where the layout can have it."""
     root = tmp_path_factory.mktemp("datasets")
     mano = write_mano_folder(root / "mano")
-    layer = ManoLayer.load(mano, landmarks="mano")
+    layer = ManoLayer.load(mano, landmark_set="mano")
     write_freihand_layout(root / "freihand", FreiHandFolder(unique=8, evaluation=4, mano=layer))
     write_dexycb_layout(
         root / "dexycb", DexYcbFolder(every=49, mano=load_pair(mano, left_hands=True))

@@ -167,7 +167,7 @@ def test_a_freihand_folder_trains_validates_and_tests(tmp_path: Path) -> None:
     assert len(numbers(module.seen["train"])) == 64
     assert module.seen["train"][0].image.shape == (8, 3, 32, 32)
     assert module.seen["test"][0].landmarks_3d is not None
-    assert data.landmarks == "mano"
+    assert data.landmark_set == "mano"
     ground_truth = data.train_ground_truth(10)
     assert ground_truth is not None
     assert ground_truth[0].shape == (10, 21, 3)

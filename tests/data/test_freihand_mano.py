@@ -35,7 +35,7 @@ def folder(tmp_path: Path, mano: Path) -> Folder:
     # The middle MCP near the middle of an image of 64 pixels, at 0.6 to 0.8 m for f = 205.
     label[:, 58:60] += 32
     label[:, 60] = 205 / (0.6 + 0.2 * torch.rand(HANDS, generator=random))
-    layer = ManoLayer.load(mano, landmarks="mano")
+    layer = ManoLayer.load(mano, landmark_set="mano")
     intrinsics = torch.from_numpy(folder.intrinsics).float()
     with torch.no_grad():
         posed = layer(*freihand_parameters(layer, label, intrinsics))
@@ -86,7 +86,7 @@ def test_a_folder_written_with_mano_has_the_parameters_of_its_points_and_images(
     mano: Path, tmp_path: Path
 ) -> None:
     root = tmp_path / "FreiHAND_pub_v2"
-    layer = ManoLayer.load(mano, landmarks="mano")
+    layer = ManoLayer.load(mano, landmark_set="mano")
     write_freihand_layout(root, FreiHandFolder(unique=8, evaluation=2, mano=layer))
     data = FreiHandDataModule(root, mano=mano, crop=CropPolicy(224), topology="mano")
     parameters = data.train_parameters()

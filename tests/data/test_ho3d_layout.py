@@ -111,7 +111,7 @@ def test_nothing_is_overwritten_and_nothing_is_not_written(root: Path, tmp_path:
 def test_the_configuration_builds_it() -> None:
     data = build_data(composed("data=ho3d", "data.root=/nowhere", "data.version=v2"))
     assert isinstance(data, Ho3dDataModule)
-    assert data.landmarks == "ho3d"
+    assert data.landmark_set == "ho3d"
     assert data.recipe.version == "v2"
     assert (data.recipe.crop.around, data.recipe.crop.expansion) == ("joints", 1.5)
     assert data.recipe.test_crop is not None

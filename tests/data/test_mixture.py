@@ -161,7 +161,7 @@ def real_parts(folder: Path) -> dict[str, HandDataModule]:
     freihand = write_folder(folder / "freihand", hands=8).root
     path = Dotted(folder / "wild", images=8).as_coco()
     return {
-        "freihand": FreiHandDataModule(freihand, crop=crop, landmarks="knuckle"),
+        "freihand": FreiHandDataModule(freihand, crop=crop, landmark_set="knuckle"),
         "wild": LandmarkDataModule(path, crop=crop),
     }
 
@@ -209,7 +209,7 @@ def test_one_part_is_scored_the_first_if_none_is_named(tmp_path: Path) -> None:
     assert ground_truth is not None
     assert ground_truth[0].shape == (5, 21, 3)
     wild = MixtureDataModule(parts, score_on="wild", batch_size=4)
-    assert (wild.name, wild.landmarks) == ("landmarks", "knuckle")
+    assert (wild.name, wild.landmark_set) == ("landmarks", "knuckle")
     assert wild.dataset("val") is parts["wild"].dataset("val")
     assert next(iter(wild.val_dataloader())).landmarks_3d is None
     assert wild.train_ground_truth(5) is None
@@ -244,11 +244,11 @@ def test_an_epoch_shorter_than_a_batch_is_a_smaller_batch_aloud(
 
 def test_parts_with_another_landmark_set_are_named(caplog: pytest.LogCaptureFixture) -> None:
     parts = {"one": numbered(4), "two": numbered(4)}
-    parts["two"].landmarks = "mano"
-    assert MixtureDataModule(parts).landmarks == "knuckle"
+    parts["two"].landmark_set = "mano"
+    assert MixtureDataModule(parts).landmark_set == "knuckle"
     assert "The labels of two follow the landmark set mano" in caplog.text
     caplog.clear()
-    assert MixtureDataModule(parts, landmarks="mano").landmarks == "mano"
+    assert MixtureDataModule(parts, landmark_set="mano").landmark_set == "mano"
     assert "The labels of one follow the landmark set knuckle" in caplog.text
 
 

@@ -195,13 +195,13 @@ def test_a_mirrored_hand_poses_as_the_mirror_image(hand64: HandModel) -> None:
     assert_close(mirrored, hand64(angles, shape).vertices @ mirror.double())
 
 
-@pytest.mark.parametrize("landmarks", ["knuckle", "mano"])
+@pytest.mark.parametrize("landmark_set", ["knuckle", "mano"])
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
 def test_the_hand_of_its_landmarks_has_them_and_their_gradients(
-    landmarks: str, shape: tuple[int, ...]
+    landmark_set: str, shape: tuple[int, ...]
 ) -> None:
     """About a tenth of the vertices give the same landmarks up to rounding."""
-    whole = HandModel(load_open_hand(), landmarks).double()
+    whole = HandModel(load_open_hand(), landmark_set).double()
     light = whole.landmarks_only()
     results = []
     for hand in (whole, light):
@@ -230,7 +230,7 @@ def test_the_hand_of_its_landmarks_is_light_and_leaves_the_whole_one_alone(
     assert 10 < len(light.template) < len(hand64.template) / 5
     assert light.faces.shape == (0, 3)
     assert light.wrist_ring.shape == (0,)
-    assert (light.landmarks, light.name) == (hand64.landmarks, hand64.name)
+    assert (light.landmark_set, light.name) == (hand64.landmark_set, hand64.name)
     light.template.zero_()
     for name, buffer in hand64.named_buffers():
         assert torch.equal(buffer, before[name]), name

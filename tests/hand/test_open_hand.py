@@ -37,9 +37,9 @@ def _winding_numbers(mesh: trimesh.Trimesh, points: NDArray[np.floating]) -> NDA
     return np.asarray(np.arctan2(volume, rest).sum(axis=1) / (2 * np.pi))
 
 
-def _bones(landmarks: str) -> dict[str, torch.Tensor]:
+def _bones(landmark_set: str) -> dict[str, torch.Tensor]:
     """Lengths from the wrist along each finger at rest, metres."""
-    hand = open_hand(landmarks)
+    hand = open_hand(landmark_set)
     points = hand(hand.rest_angles, torch.zeros(10)).landmarks
     chains = {
         name: [0, *(1 + 4 * finger + part for part in range(4))]
@@ -204,9 +204,9 @@ def test_joints_stay_inside_the_finger_in_every_shape(hand: HandModel) -> None:
         assert _winding_numbers(_capped(ASSET, surface), centres[1:].numpy()).min() > INSIDE
 
 
-@pytest.mark.parametrize("landmarks", ["knuckle", "mano"])
-def test_landmark_weights_sum_to_one(landmarks: str) -> None:
-    regressor = ASSET.landmark_regressors[landmarks]
+@pytest.mark.parametrize("landmark_set", ["knuckle", "mano"])
+def test_landmark_weights_sum_to_one(landmark_set: str) -> None:
+    regressor = ASSET.landmark_regressors[landmark_set]
     torch.testing.assert_close(regressor.sum(dim=1), torch.ones(21), atol=1e-5, rtol=0)
 
 

@@ -127,7 +127,7 @@ def test_every_member_of_every_group_composes_and_builds(group: str, member: str
         config.model.encoder.update(backbone="mobilenet_v3_small", weights="none")
     data = build_data(config)
     module = build_module(config)
-    assert module.regressor.hand.landmarks == data.landmarks
+    assert module.regressor.hand.landmark_set == data.landmark_set
 
 
 @pytest.mark.parametrize(
@@ -201,7 +201,7 @@ def test_the_lifter_sees_landmarks_without_pictures() -> None:
     assert isinstance(module.regressor.encoder, LandmarkEncoder)
     assert module.regressor.skeleton is not None
     data = build_data(config)
-    assert (data.name, data.landmarks, data.augmentation) == ("views", "knuckle", None)
+    assert (data.name, data.landmark_set, data.augmentation) == ("views", "knuckle", None)
 
 
 def test_what_fit_can_be_told_composes() -> None:

@@ -13,7 +13,7 @@ class DexYcbDataModule(ImageDataModule):
     """Real right and left hands in DexYCB's layout; see `DexYcbRecipe` for the options."""
 
     name = "dexycb"
-    landmarks = "dexycb"
+    landmark_set = "dexycb"
     recipe_type = DexYcbRecipe
     dataset_type = DexYcb
     default_crop = AROUND_JOINTS

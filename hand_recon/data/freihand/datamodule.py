@@ -18,7 +18,7 @@ class FreiHandDataModule(ImageDataModule):
     """Real hands in FreiHAND's layout; see `FreiHandRecipe` for the options."""
 
     name = "freihand"
-    landmarks = "mano"
+    landmark_set = "mano"
     recipe_type = FreiHandRecipe
     dataset_type = FreiHand
 
@@ -49,7 +49,7 @@ class FreiHandDataModule(ImageDataModule):
             return None
         labels, intrinsics = (torch.from_numpy(array).float() for array in found)
         chosen = evenly_spaced(len(labels), limit or len(labels))
-        layer = ManoLayer.load(self.mano, landmarks="mano")
+        layer = ManoLayer.load(self.mano, landmark_set="mano")
         with torch.no_grad():
             return layer.hand_parameters(
                 *freihand_parameters(layer, labels[chosen], intrinsics[chosen])

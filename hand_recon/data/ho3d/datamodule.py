@@ -11,7 +11,7 @@ class Ho3dDataModule(ImageDataModule):
     """Real right hands in HO3D's layout; see `Ho3dRecipe` for the options."""
 
     name = "ho3d"
-    landmarks = "ho3d"
+    landmark_set = "ho3d"
     recipe_type = Ho3dRecipe
     dataset_type = Ho3d
     default_crop = CropPolicy(around="joints")

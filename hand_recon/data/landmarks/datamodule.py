@@ -16,7 +16,7 @@ class LandmarkDataModule(ImageDataModule):
     """Images with 2D landmarks from COCO, JSON, CSV or HInt files; without 3D, so scores are 2D only."""
 
     name = "landmarks"
-    landmarks = "knuckle"
+    landmark_set = "knuckle"
     recipe_type = LandmarkRecipe
     default_crop = CropPolicy(around="joints")
 

@@ -27,7 +27,7 @@ class SyntheticDataModule(HandDataModule):
         crop_size: int,
         cache_dir: Path | str,
         render_workers: int = 1,
-        landmarks: str = "knuckle",
+        landmark_set: str = "knuckle",
         pictures: bool = True,
         batch_size: int = 64,
         workers: int = 0,
@@ -45,7 +45,7 @@ class SyntheticDataModule(HandDataModule):
             crop_size: Side of an image, pixels.
             cache_dir: Folder for rendered images.
             render_workers: Number of processes that render.
-            landmarks: The hand's landmark set.
+            landmark_set: The hand's landmark set.
             pictures: True renders images; False gives landmarks only, in crops of 224 pixels.
             batch_size: Hands per batch and process.
             workers: Number of loading processes.
@@ -53,7 +53,7 @@ class SyntheticDataModule(HandDataModule):
             seed: Seed of the order of samples and of the augmentation.
             data_seed: Seed of the images, the same for all seeds of a study.
         """
-        self.landmarks = landmarks
+        self.landmark_set = landmark_set
         self.name = "synthetic" if pictures else "views"
         self._split = partial(
             SyntheticHands,
@@ -62,7 +62,7 @@ class SyntheticDataModule(HandDataModule):
             seed=data_seed,
             cache_dir=Path(cache_dir),
             workers=render_workers,
-            landmarks=landmarks,
+            landmark_set=landmark_set,
             pictures=pictures,
         )
         self._train_size = train_size

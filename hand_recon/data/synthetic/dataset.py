@@ -42,7 +42,7 @@ class SyntheticHands(Dataset[HandSample]):
         seed: int = 0,
         cache_dir: Path,
         workers: int = 0,
-        landmarks: str = "knuckle",
+        landmark_set: str = "knuckle",
         with_vertices: bool | None = None,
         pictures: bool = True,
     ) -> None:
@@ -56,14 +56,14 @@ class SyntheticHands(Dataset[HandSample]):
             seed: Seed of the whole set.
             cache_dir: Folder for rendered sets.
             workers: Number of processes that render; 0 or 1 renders in this process.
-            landmarks: The hand's landmark set, `knuckle` or `mano`.
+            landmark_set: The hand's landmark set, `knuckle` or `mano`.
             with_vertices: True adds vertices, posed when read; by default in all splits except training.
             pictures: True renders images; views without images are a hundred times cheaper.
 
         Raises:
             ValueError: The split or level is unknown, or a size is too small.
         """
-        self.recipe = Recipe(split, level_named(level), crop_size, seed, landmarks, pictures)
+        self.recipe = Recipe(split, level_named(level), crop_size, seed, landmark_set, pictures)
         self.with_vertices = split != "train" if with_vertices is None else with_vertices
         self.folder = ensure_store(Path(cache_dir), self.recipe, size, workers)
         with np.load(self.folder / "labels.npz") as archive:
@@ -72,7 +72,7 @@ class SyntheticHands(Dataset[HandSample]):
             self._labels = _upright(self._labels, crop_size)
         self._images: np.ndarray | None = None
         self._source = self.folder.name
-        self._hand: HandModel | None = open_hand(landmarks) if self.with_vertices else None
+        self._hand: HandModel | None = open_hand(landmark_set) if self.with_vertices else None
 
     def __len__(self) -> int:
         return len(self._labels["labelled"])
@@ -139,7 +139,7 @@ class SyntheticHands(Dataset[HandSample]):
 
     def vertices(self, index: int | slice | Tensor) -> Float[Tensor, "*batch vertex 3"]:
         """Vertices in the camera's frame, metres, posed from the stored parameters."""
-        hand = self._hand or open_hand(self.recipe.landmarks)
+        hand = self._hand or open_hand(self.recipe.landmark_set)
         with torch.no_grad():
             return hand.to_camera(self.parameters(index)).vertices
 

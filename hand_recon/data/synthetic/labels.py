@@ -42,12 +42,12 @@ class Labels:
 
 
 @cache
-def flesh_thickness(landmarks: str) -> Float[np.ndarray, " landmark=21"]:
+def flesh_thickness(landmark_set: str) -> Float[np.ndarray, " landmark=21"]:
     """Thickness of flesh over each landmark, metres: the larger of the dorsal and palmar sides.
 
     It is measured on the mean hand at rest.
     """
-    model = open_hand(landmarks)
+    model = open_hand(landmark_set)
     vertices, joints = model.rest(model.template.new_zeros(model.shape_directions.shape[-1]))
     points = model.landmarks_of(vertices, joints).numpy()
     scene = RayScene(vertices.numpy(), model.faces.numpy())
@@ -67,14 +67,14 @@ def _across(model: HandModel) -> Float[np.ndarray, "landmark=21 3"]:
 
 
 def depth_behind_surface(
-    scene: RayScene, landmarks_3d: Float[np.ndarray, "landmark=21 3"], landmarks: str
+    scene: RayScene, landmarks_3d: Float[np.ndarray, "landmark=21 3"], landmark_set: str
 ) -> Float[np.ndarray, " landmark=21"]:
     """Depth of each landmark behind the first visible surface, minus its own flesh: positive if occluded.
 
     Args:
         scene: All surfaces, camera frame.
         landmarks_3d: Camera frame, metres.
-        landmarks: Name of the landmark set.
+        landmark_set: Name of the landmark set.
 
     Returns:
         Distance from the nearest surface to the landmark minus 1.4 times the flesh thickness of a mean hand,
@@ -85,7 +85,7 @@ def depth_behind_surface(
     hits = scene.nearest(np.zeros_like(rays), rays)
     gap = np.zeros(len(distance))
     gap[hits.ray] = distance[hits.ray] - hits.distance
-    return gap - 1.4 * flesh_thickness(landmarks)
+    return gap - 1.4 * flesh_thickness(landmark_set)
 
 
 def sample_labels(

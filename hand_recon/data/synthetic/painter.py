@@ -37,8 +37,8 @@ _NORMAL, _SKY, _TEXTURE, _DORSAL, _KNUCKLE = slice(0, 3), 3, slice(4, 7), 7, 8
 
 
 @cache
-def _skin_map(landmarks: str) -> SkinMap:
-    return skin_map(open_hand(landmarks))
+def _skin_map(landmark_set: str) -> SkinMap:
+    return skin_map(open_hand(landmark_set))
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _colours(
     """Linear light that each hit reflects to the camera, and a mask of hits on skin."""
     scene, samples = seen
     hits, points = samples.hits, samples.points
-    skin, person = _skin_map(recipe.landmarks), recipe.random(index, "skin and light")
+    skin, person = _skin_map(recipe.landmark_set), recipe.random(index, "skin and light")
     tone = sample_tone(person, held_out=recipe.held_out)
     lights = sample_lights(person, recipe.level.cast_shadows)
     paints = {material: sample_paint(random) for material in range(SKIN + 1, OBJECT + 1)}

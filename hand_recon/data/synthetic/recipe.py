@@ -24,7 +24,7 @@ class Recipe:
     """Side of the square image, pixels. It changes only the resolution, not the hand."""
     seed: int
     """Seed of the whole set."""
-    landmarks: str = "knuckle"
+    landmark_set: str = "knuckle"
     """The hand's landmark set."""
     pictures: bool = True
     """True renders images. Without images, labels are noisy in the test split too, as a detector's are."""

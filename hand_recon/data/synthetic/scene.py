@@ -74,8 +74,8 @@ class SyntheticHand(SyntheticView):
 
 
 @cache
-def _model(landmarks: str) -> HandModel:
-    return open_hand(landmarks)
+def _model(landmark_set: str) -> HandModel:
+    return open_hand(landmark_set)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _view_and_scene(recipe: Recipe, index: int) -> tuple[SyntheticView, _Scene]:
     surfaces = scene_surfaces(recipe, index, geometry, view)
     scene = RayScene(*merged(surfaces))
     clean = project_array(landmarks_3d.astype(float), view.intrinsics)
-    depth = depth_behind_surface(scene, landmarks_3d.astype(float), recipe.landmarks)
+    depth = depth_behind_surface(scene, landmarks_3d.astype(float), recipe.landmark_set)
     labels = sample_labels(
         recipe.random(index, "labels"), recipe.level, clean, depth, recipe.crop_size
     )
@@ -143,7 +143,7 @@ def _sample_hand(
     random = recipe.random(index, "pose")
     spread = recipe.level.shape_deviation * (1.25 if recipe.held_out else 1.0)
     shape = np.clip(recipe.random(index, "shape").normal(scale=spread, size=10), -3, 3)
-    model, least = _model(recipe.landmarks), np.inf
+    model, least = _model(recipe.landmark_set), np.inf
     for _ in range(_TRIES):
         tried = recipe.level.pose_scale * sample_pose(
             random, held_out=recipe.held_out, noise=recipe.level.pose_noise
@@ -163,7 +163,7 @@ def scene_surfaces(
 ) -> tuple[Surface, ...]:
     """Surfaces of hand, forearm, sleeve and objects, in the camera's frame."""
     random, level = recipe.random(index, "things"), recipe.level
-    model = _model(recipe.landmarks)
+    model = _model(recipe.landmark_set)
     vertices = geometry.vertices.numpy().astype(float)
     landmarks = geometry.landmarks.numpy().astype(float)
     rest = model.template.numpy().astype(float) - model.joints_template.numpy()[ROOT_JOINT]

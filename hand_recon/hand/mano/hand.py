@@ -71,18 +71,18 @@ def follows_mano(
     return bool(np.median(np.abs(tips - landmarks[:INSPECTED_HANDS, list(TIPS)])) < 1e-3)
 
 
-def mano_hand(path: Path | str, landmarks: str = "mano") -> HandModel:
+def mano_hand(path: Path | str, landmark_set: str = "mano") -> HandModel:
     """Build the hand model of MANO's right hand.
 
     Args:
         path: Folder written by `hand_recon.prepare mano`, or the file in it.
-        landmarks: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
+        landmark_set: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
 
     Raises:
         FileNotFoundError: There is no MANO file.
         ValueError: The file is in another format, or the landmark set is unknown.
     """
-    return HandModel(load_mano(path), landmarks)
+    return HandModel(load_mano(path), landmark_set)
 
 
 def load_mano(
@@ -162,26 +162,26 @@ def asset_of(file: ManoFile, dtype: torch.dtype = torch.float32) -> HandAsset:
     )
 
 
-def tip_vertices(landmarks: str, side: Side) -> tuple[int, ...]:
+def tip_vertices(landmark_set: str, side: Side) -> tuple[int, ...]:
     """Fingertip vertices of a landmark set, thumb first."""
-    tips = TIP_VERTICES[ALIASES.get(landmarks, landmarks)]
-    if landmarks == "dexycb" and side == "left":
+    tips = TIP_VERTICES[ALIASES.get(landmark_set, landmark_set)]
+    if landmark_set == "dexycb" and side == "left":
         return (*tips[:2], DEXYCB_LEFT_MIDDLE_TIP, *tips[3:])
     return tips
 
 
 def _landmarks(
-    arrays: ManoArrays, landmarks: str, side: Side
+    arrays: ManoArrays, landmark_set: str, side: Side
 ) -> Float[np.ndarray, "landmark=21 point"]:
     """Weights over the vertices followed by the rotation centres."""
     count = len(arrays.template)
     regressor = np.zeros((21, count + 16))
     for joint, landmark in enumerate(LANDMARK_OF_JOINT):
-        if ALIASES.get(landmarks, landmarks) in REGRESSED:
+        if ALIASES.get(landmark_set, landmark_set) in REGRESSED:
             regressor[landmark, :count] = arrays.joint_regressor[joint]
         else:
             regressor[landmark, count + joint] = 1.0
-    for landmark, vertex in zip(TIPS, tip_vertices(landmarks, side), strict=True):
+    for landmark, vertex in zip(TIPS, tip_vertices(landmark_set, side), strict=True):
         regressor[landmark, vertex] = 1.0
     return regressor
 

@@ -40,13 +40,13 @@ class ManoLayer(nn.Module):
     hands_components: Tensor
 
     def __init__(
-        self, file: ManoFile, landmarks: str = "mano", dtype: torch.dtype = torch.float32
+        self, file: ManoFile, landmark_set: str = "mano", dtype: torch.dtype = torch.float32
     ) -> None:
         """Build the layer from the contents of a file; `load` reads one.
 
         Args:
             file: The hand. Its shape directions are used unchanged.
-            landmarks: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
+            landmark_set: `mano` (the same as `freihand`), `dexycb`, `ho3d` or `smplx`.
             dtype: Precision of the arrays.
 
         Raises:
@@ -54,7 +54,7 @@ class ManoLayer(nn.Module):
         """
         super().__init__()
         self.side = file.side
-        self.hand = HandModel(asset_of(file, dtype), landmarks)
+        self.hand = HandModel(asset_of(file, dtype), landmark_set)
         for name in ("hands_mean", "hands_components"):
             array = torch.from_numpy(getattr(file.arrays, name)).to(dtype)
             self.register_buffer(name, array, persistent=False)
@@ -64,7 +64,7 @@ class ManoLayer(nn.Module):
         cls,
         path: Path | str,
         side: Side = "right",
-        landmarks: str = "mano",
+        landmark_set: str = "mano",
         fix_left_shape: bool = True,
         *,
         dtype: torch.dtype = torch.float32,
@@ -74,7 +74,7 @@ class ManoLayer(nn.Module):
         DexYCB's left hands need `fix_left_shape=False`.
         """
         file = with_left_shape(read_mano(path, side), path, fix_left_shape)
-        return cls(file, landmarks, dtype)
+        return cls(file, landmark_set, dtype)
 
     def from_pca(
         self, coefficients: Float[Tensor, "*batch component=45"]

@@ -143,21 +143,21 @@ def test_the_left_hand_is_the_mirror_image_in_every_joint_angle(folder: Path) ->
     assert torch.linalg.det(left.frames).min() > 0.999
 
 
-@pytest.mark.parametrize("landmarks", [*TIP_VERTICES, "mano"])
+@pytest.mark.parametrize("landmark_set", [*TIP_VERTICES, "mano"])
 @pytest.mark.parametrize("shape", BATCH_SHAPES)
 def test_landmarks_are_at_each_datasets_positions(
-    folder: Path, landmarks: str, shape: tuple[int, ...]
+    folder: Path, landmark_set: str, shape: tuple[int, ...]
 ) -> None:
     """Joints are regressed from the surface for FreiHAND, rotation centres otherwise; tips are vertices."""
-    hand = HandModel(load_mano(folder, dtype=torch.float64), landmarks)
+    hand = HandModel(load_mano(folder, dtype=torch.float64), landmark_set)
     angles = 0.6 * torch.randn(*shape, 15, 3, dtype=torch.float64)
     posed = hand(angles, torch.randn(*shape, 10, dtype=torch.float64))
     regressor = torch.from_numpy(mano_arrays()["J_regressor"])
     of_surface = regressor @ posed.vertices
     for landmark, joint in JOINT_OF_LANDMARK.items():
-        source = of_surface if landmarks in ("mano", "freihand") else posed.joints
+        source = of_surface if landmark_set in ("mano", "freihand") else posed.joints
         assert_close(posed.landmarks[..., landmark, :], source[..., joint, :])
-    vertices = list(tip_vertices(landmarks, "right"))
+    vertices = list(tip_vertices(landmark_set, "right"))
     assert_close(posed.landmarks[..., list(TIPS), :], posed.vertices[..., vertices, :])
     assert (of_surface - posed.joints).abs().max() > 1e-4, "the two kinds of joint must differ"
 
@@ -205,9 +205,9 @@ def test_the_other_hands_file_is_refused(folder: Path) -> None:
 
 def test_the_configuration_builds_the_hand(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HAND_RECON_MANO", str(folder))
-    whole = OmegaConf.create({"data": {"landmarks": "ho3d"}})
+    whole = OmegaConf.create({"data": {"landmark_set": "ho3d"}})
     whole["hand"] = OmegaConf.load(ROOT / "conf" / "hand" / "mano.yaml")
     hand = instantiate(whole.hand)
     assert isinstance(hand, HandModel)
-    assert (hand.name, hand.landmarks) == ("mano", "ho3d")
+    assert (hand.name, hand.landmark_set) == ("mano", "ho3d")
     assert hand.template.dtype == torch.float32

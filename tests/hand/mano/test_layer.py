@@ -41,9 +41,9 @@ def layer(folder: Path) -> ManoLayer:
 
 
 def load(
-    folder: Path, side: Side = "right", landmarks: str = "mano", fixed: bool = True
+    folder: Path, side: Side = "right", landmark_set: str = "mano", fixed: bool = True
 ) -> ManoLayer:
-    return ManoLayer.load(folder, side, landmarks, fixed, dtype=torch.float64)
+    return ManoLayer.load(folder, side, landmark_set, fixed, dtype=torch.float64)
 
 
 def random_hand(*batch: int) -> ManoParameters:
