@@ -16,7 +16,7 @@ because Hydra would look for a package of that name when a console script starts
 
 @cache
 def known_names(config_name: str) -> frozenset[str]:
-    """First parts of the keys that a command line may set: top-level keys and groups.
+    """Names that a command line may set, up to their first dot: top-level keys and groups.
 
     Args:
         config_name: A file of `conf`, without its ending.
@@ -33,7 +33,7 @@ def known_names(config_name: str) -> frozenset[str]:
 
 @cache
 def groups(config_name: str) -> frozenset[str]:
-    """Groups of a file's defaults list; each has a member chosen, which may be null."""
+    """Groups in a file's defaults list."""
     return frozenset(_chosen(_content(config_name)))
 
 

@@ -86,7 +86,7 @@ def wait_without_spinning() -> None:
 def _check_nested(config_name: str, overrides: Sequence[str]) -> None:
     """Refuse a dotted key that the composed configuration does not have, and name the nearest.
 
-    Hydra refuses it too, but says only that a key is not in a struct. Keys with `+` are new by intent.
+    Hydra refuses such a key as well, without naming the nearest one. Keys with a `+` are meant to be new.
 
     Raises:
         UsageError: There is no such key.
@@ -105,7 +105,7 @@ def _check_nested(config_name: str, overrides: Sequence[str]) -> None:
 
 
 def _composed(config_name: str, overrides: list[str]) -> DictConfig | None:
-    """The configuration without the dotted overrides; none if Hydra has an error to report itself."""
+    """Compose the configuration without the dotted overrides; None if that fails, and Hydra's run reports why."""
     with hydra.initialize_config_dir(CONF, version_base="1.3"):
         try:
             return hydra.compose(config_name, overrides)

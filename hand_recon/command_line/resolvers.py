@@ -7,7 +7,7 @@ from typing import Final
 from omegaconf import OmegaConf
 
 MANO_HAND: Final = "hand_recon.hand.mano.hand.mano_hand"
-"""Target of `hand=mano`: the hand whose vertices the datasets' surfaces are numbered as."""
+"""Target of `hand=mano`. The datasets number the vertices of their meshes like this hand."""
 
 LONGEST_NAME: Final = 200
 """Bytes of a folder's name; common file systems allow 255."""

@@ -206,7 +206,7 @@ def expanded(value: str) -> str:
 
 
 def quoted(value: str) -> str:
-    """A string in single quotes of Hydra's grammar, which reads back as itself.
+    """Quote a string for Hydra, which reads the same string back.
 
     Backslashes are doubled only where they precede a quote, the only place where Hydra reads an escape.
     """
