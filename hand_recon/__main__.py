@@ -46,7 +46,7 @@ def overview() -> str:
     lines += [
         "",
         "`hand-recon <verb> --help` shows what a verb takes; `python -m hand_recon.<verb>` is the same.",
-        "Begin with: hand-recon fit examples/hands.json",
+        "Begin with: hand-recon fit hands.json, a list of hands of 21 points [u, v] in pixels each.",
     ]
     return "\n".join(lines) + "\n"
 

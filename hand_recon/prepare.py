@@ -17,9 +17,9 @@ def main(words: Sequence[str] | None = None) -> None:
     Args:
         words: The command line after the verb; none for this process's own.
     """
-    words = sys.argv[1:] if words is None else words
+    words = list(sys.argv[1:] if words is None else words)
     # Converting MANO is no run: it leaves no folder of its own behind.
-    mano = "mano" in words[:1] or "task=mano" in words
+    mano = not {"mano", "task=mano", "--task=mano"}.isdisjoint(words)
     run_verb("prepare", __doc__ or "", words, config_name="prepare_mano" if mano else None)
 
 

@@ -89,6 +89,20 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one() -> None:
     )
 
 
+def test_landmarks_of_a_file_say_their_side_and_camera_themselves() -> None:
+    read = hand_recon.read_landmarks(EXAMPLE)
+    for given in ({"side": "left"}, {"intrinsics": np.eye(3)}, {"confidence": np.ones(21)}):
+        with pytest.raises(ValueError, match="these landmarks have their own"):
+            hand_recon.fit_landmarks(read, **given)
+
+
+def test_a_fit_takes_gradients_where_its_caller_takes_none() -> None:
+    points, _ = example_points()
+    with torch.inference_mode():
+        hands = hand_recon.fit_landmarks(torch.from_numpy(points[:1]), overrides=QUICK)
+    assert hands.fitted.all()
+
+
 @pytest.mark.parametrize(
     ("points", "options", "message"),
     [
@@ -98,6 +112,9 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one() -> None:
         (np.zeros((2, 21, 2)), {"side": ["left"]}, "for each of 2 hands"),
         (np.zeros((21, 2)), {"confidence": np.full(21, 1.5)}, "not between 0 and 1"),
         (np.zeros((21, 2)), {"intrinsics": np.eye(2)}, r"intrinsics has the shape \(2, 2\)"),
+        (np.zeros((21, 2)), {"intrinsics": np.zeros((3, 3))}, "no camera matrix"),
+        (np.zeros((21, 2)), {"overrides": ["side=left"]}, "'side=left' has no effect here"),
+        (np.zeros((21, 2)), {"overrides": "prior=none"}, "expected a list"),
     ],
 )
 def test_what_cannot_be_landmarks_is_refused(

@@ -10,6 +10,7 @@ from typing import Any
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
@@ -53,6 +54,10 @@ def run_verb(
         raise SystemExit(2) from error
     if not {"--help", "-h"}.isdisjoint(overrides):
         sys.stdout.write(f"{description.strip()}\n\n")
+    # A `_target_` may name a module of the current folder, as with `python -m`, which a console script
+    # does not look into.
+    if "" not in sys.path and os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     # Hydra reads the process's command line.
     sys.argv = [f"hand-recon {name}", *preset, *overrides]
     try:
@@ -105,12 +110,11 @@ def _check_nested(config_name: str, overrides: Sequence[str]) -> None:
 
 
 def _composed(config_name: str, overrides: list[str]) -> DictConfig | None:
-    """Compose the configuration without the dotted overrides; None if that fails, and Hydra's run reports why."""
-    with hydra.initialize_config_dir(CONF, version_base="1.3"):
-        try:
-            return hydra.compose(config_name, overrides)
-        except Exception:  # noqa: BLE001  # Hydra's own run says what is wrong, in its own words.
-            return None
+    """Compose the configuration without the dotted overrides; None if that fails: Hydra's run says why."""
+    try:
+        return composed(config_name, overrides)
+    except Exception:  # noqa: BLE001  # Hydra's own run says what is wrong, in its own words.
+        return None
 
 
 def _check_key(key: str, config: DictConfig) -> None:

@@ -2,6 +2,7 @@
 
 import difflib
 import glob
+import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -9,6 +10,9 @@ from pathlib import Path
 from typing import Final
 
 from hand_recon.command_line.verbs import Verb
+
+LISTS: Final = frozenset({"runs"})
+"""Path keys that also take a list, `[a,b]`."""
 
 HYDRA_FLAGS: Final = frozenset(
     {
@@ -25,6 +29,14 @@ HYDRA_OPTIONS: Final = frozenset(
     }
 )  # fmt: skip
 """Flags that are Hydra's own and take a value, as the next word or after `=`."""
+
+COMPLETION: Final = frozenset({"--shell-completion", "-sc"})
+
+INFO: Final = frozenset({"--info", "-i"})
+
+INFO_TOPICS: Final = frozenset(
+    {"all", "config", "defaults", "defaults-tree", "plugins", "searchpath"}
+)
 
 MULTIRUN: Final = frozenset({"-m", "--multirun"})
 
@@ -88,21 +100,29 @@ class _Translation:
         self.given: set[str] = set()
 
     def run(self, words: list[str]) -> list[str]:
+        if not COMPLETION.isdisjoint(words):
+            # Completion has a grammar of its own.
+            return words
         self.multirun = not MULTIRUN.isdisjoint(words)
         # Keys that are given by name are not filled by position.
         named = {_bare(word) for word in words}
         self.positional = [key for key in self.positional if key not in named]
+        flags: list[str] = []
         found: list[str] = []
         while words:
-            found += self._next(words.pop(0), words)
-        return found
+            word = words.pop(0)
+            (flags if _is_flag(word) else found).extend(self._next(word, words))
+        # Hydra reads no override after a flag that follows another override.
+        return flags + found
 
     def _next(self, word: str, rest: list[str]) -> list[str]:
         name = word.partition("=")[0]
         if word in HYDRA_FLAGS or (name in HYDRA_OPTIONS and "=" in word):
             return [word]
         if word in HYDRA_OPTIONS:
-            return [word, *([rest.pop(0)] if rest else [])]
+            # The value of --info may be left out.
+            takes = bool(rest) and (word not in INFO or rest[0] in INFO_TOPICS)
+            return [word, *([rest.pop(0)] if takes else [])]
         if word == "--":
             return [self._position(rest.pop(0)) for _ in range(len(rest))]
         if word.startswith("-") and not Path(word).exists():
@@ -127,7 +147,7 @@ class _Translation:
     def _position(self, word: str) -> str:
         if not self.positional:
             raise UsageError(self._misplaced(word))
-        return self._assignment("", self.positional.pop(0), word)
+        return self._assignment("", self.positional.pop(0), word, verbatim=True)
 
     def _misplaced(self, word: str) -> str:
         if self.verb.positional:
@@ -149,14 +169,18 @@ class _Translation:
         if not name.startswith("--") or not self._knows(key):
             raise UsageError(self._unknown(name, key))
         if equals:
-            return self._assignment("", key, value)
+            return self._assignment("", key, value, verbatim=True)
         if key in self.known.booleans and (not rest or rest[0].lower() not in ("true", "false")):
             return f"{key}=true"
         if not rest:
             raise UsageError(
                 f"Option {name} lacks its value: write {name} <value> or {key}=<value>."
             )
-        return self._assignment("", key, rest.pop(0))
+        if rest[0].startswith("--") and self._knows(
+            rest[0][2:].partition("=")[0].replace("-", "_")
+        ):
+            raise UsageError(f"Option {name} lacks its value; {rest[0]} is an option itself.")
+        return self._assignment("", key, rest.pop(0), verbatim=True)
 
     def _override(self, word: str) -> str:
         match = _KEY.match(word)
@@ -178,31 +202,40 @@ class _Translation:
             + f" Known: {known}."
         )
 
-    def _assignment(self, sign: str, key: str, value: str) -> str:
-        if key not in self.verb.path_keys:
-            return f"{sign}{key}={value}"
-        return f"{sign}{key}={self._path_value(key, value)}"
+    def _assignment(self, sign: str, key: str, value: str, *, verbatim: bool = False) -> str:
+        """An override; the value of a path key as Hydra reads it back unchanged.
 
-    def _path_value(self, key: str, value: str) -> str:
-        """A path as Hydra reads it back unchanged; sweeps, lists and interpolations stay Hydra's."""
+        Args:
+            sign: `+`, `++` or nothing.
+            key: Configuration key.
+            value: Its value as typed.
+            verbatim: Whether a path was named by position or option, where no syntax of Hydra's is meant.
+        """
+        if key in self.verb.path_keys:
+            value = self._path_value(key, value, verbatim=verbatim)
+        return f"{sign}{key}={value}"
+
+    def _path_value(self, key: str, value: str, *, verbatim: bool) -> str:
+        """A path quoted for Hydra; sweeps, lists and interpolations in assignments stay Hydra's."""
         if self.multirun and (found := _GLOB.match(value)):
             return ",".join(map(quoted, _globbed(key, found["pattern"])))
-        if value in ("", "null", "???") or _is_hydra_syntax(value):
+        is_list = key in LISTS and re.fullmatch(r"\[.*\]", value, re.DOTALL)
+        if is_list and not Path(value).exists():
             return value
-        if self.multirun and "," in value and not Path(value).expanduser().exists():
-            return ",".join(quoted(str(Path(part).expanduser())) for part in value.split(","))
+        if not verbatim and (value in ("", "null", "???") or _is_hydra_syntax(value)):
+            return value
+        if self.multirun and "," in value and not Path(expanded(value)).exists():
+            return ",".join(quoted(expanded(part)) for part in value.split(","))
         return quoted(expanded(value))
 
 
+def _is_flag(word: str) -> bool:
+    return word in HYDRA_FLAGS or word.partition("=")[0] in HYDRA_OPTIONS
+
+
 def expanded(value: str) -> str:
-    """A path with `~` and `~user` expanded at its beginning, otherwise as it was typed."""
-    if not value.startswith("~"):
-        return value
-    try:
-        return str(Path(value).expanduser())
-    except RuntimeError:
-        # No such user: a file whose name begins with a tilde.
-        return value
+    """A path with `~` and `~user` expanded at its beginning; unchanged if there is no such user."""
+    return os.path.expanduser(value)
 
 
 def quoted(value: str) -> str:
@@ -219,7 +252,7 @@ def quoted(value: str) -> str:
 def _is_hydra_syntax(value: str) -> bool:
     """True if a value is already quoted, a list or an interpolation, and not the name of a file."""
     written = re.fullmatch(r"'.*'|\".*\"|\[.*\]|.*\$\{.*", value, re.DOTALL)
-    return written is not None and not Path(value).expanduser().exists()
+    return written is not None and not Path(expanded(value)).exists()
 
 
 def _globbed(key: str, pattern: str) -> list[str]:

@@ -5,6 +5,7 @@
 """
 
 import logging
+import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -28,7 +29,8 @@ MESH_FORMATS: Final = ("obj", "ply")
 """File formats of meshes."""
 
 PRODUCTS: Final = (
-    "fit.json", "fit.json.part", "meshes", "pictures", "metrics.json", "checkpoints",
+    "fit.json", "fit.json.part", "joints.json", "fits.png", "meshes", "pictures", "per_hand.csv",
+    "metrics.json", "checkpoints",
 )  # fmt: skip
 """Files and folders of a fit or a run; a folder that holds one of them is not written to."""
 
@@ -57,14 +59,14 @@ class ResultOptions:
             )
 
 
-def claim_results_folder(path: str | Path) -> Path:
+def claim_results_folder(path: str | Path, *further: str) -> Path:
     """Make the folder of results; called before the fit, so that a taken folder is refused at once.
 
     Raises:
         FileExistsError: The folder already holds results.
     """
-    folder = Path(path).expanduser().absolute()
-    taken = [name for name in PRODUCTS if (folder / name).exists()]
+    folder = Path(os.path.expanduser(path)).absolute()
+    taken = [name for name in (*PRODUCTS, *further) if (folder / name).exists()]
     if taken:
         raise FileExistsError(
             f"{folder} already holds {', '.join(taken)} of a fit or a run, and nothing is overwritten. "

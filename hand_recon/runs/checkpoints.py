@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +15,7 @@ from hand_recon import __version__
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.building import build_module
-from hand_recon.runs.configuration import refuse_untrusted
+from hand_recon.runs.configuration import refuse_untrusted, targets
 from hand_recon.training.module import HandReconstruction
 
 CONFIG_KEY: Final = "hand_recon_config"
@@ -92,7 +93,21 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
             f"{file} has no configuration of hand_recon in it (it has {sorted(checkpoint)}). "
             "Only checkpoints that hand_recon.train wrote can be read."
         )
+    if _refers(checkpoint[CONFIG_KEY]):
+        raise ValueError(
+            f"{file} has a configuration with references (${{...}}) in it, which hand_recon never writes and "
+            "which could hide what would be called. It is not read."
+        )
     return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+
+
+def _refers(node: object) -> bool:
+    """True if a reference of OmegaConf's occurs in a key or a value, however deep."""
+    if isinstance(node, Mapping):
+        return any(_refers(key) or _refers(value) for key, value in node.items())
+    if isinstance(node, list | tuple):
+        return any(_refers(value) for value in node)
+    return isinstance(node, str) and "${" in node
 
 
 @dataclass(frozen=True)
@@ -107,16 +122,19 @@ class Trained:
     """The mean training hand; none where the training data have no 3D."""
 
 
-def load_trained(path: str | Path, landmark_set: str | None = None) -> Trained:
+def load_trained(
+    path: str | Path, landmark_set: str | None = None, composed: DictConfig | None = None
+) -> Trained:
     """Rebuild a checkpoint's module with its weights; see `read_checkpoint`.
 
     Args:
         path: Checkpoint, or folder of a run.
         landmark_set: Landmark set to predict in place of the one that was trained, for data whose
             annotators put the landmarks elsewhere: the hand is the same.
+        composed: The configuration of the run that has just written the checkpoint: its targets are trusted.
 
     Raises:
-        ValueError: The checkpoint was trained with another version of the hand.
+        ValueError: It names a target that is not trusted, or was trained with another version of the hand.
     """
     checkpoint, config = read_checkpoint(path)
     if landmark_set is not None:
@@ -126,7 +144,7 @@ def load_trained(path: str | Path, landmark_set: str | None = None) -> Trained:
     if "weights" in built.model.encoder:
         built.model.encoder.weights = "none"
     # The prior is not evaluated, and its table may exist only on the machine that trained.
-    if built.prior.range_of_motion is not None:
+    if built.prior.get("range_of_motion") is not None:
         built.prior.range_of_motion.ranges = "literature"
     # Nothing is trained, so an optimizer of the user's own need not be importable.
     built.optimizer = {"_target_": "torch.optim.Adam", "_partial_": True, "schedule": None}
@@ -134,6 +152,7 @@ def load_trained(path: str | Path, landmark_set: str | None = None) -> Trained:
         OmegaConf.masked_copy(built, [name for name in BUILT if name in built]),
         str(path),
         checkpoint.get(VERSION_KEY),
+        frozenset() if composed is None else frozenset(targets(composed)),
     )
     module = build_module(built)
     hand = fingerprint(module.regressor.hand)

@@ -1,5 +1,6 @@
 """Builds objects from a Hydra configuration, and checks configurations that come from checkpoints."""
 
+import importlib
 import importlib.util
 import multiprocessing
 import os
@@ -65,6 +66,13 @@ TRUSTED: Final = frozenset(
 """Every `_target_` that a checkpoint's configuration may call."""
 
 
+PRODUCTS: Final = (
+    "metrics.json", "checkpoints", "config.yaml", "report.html", "per_hand.csv", "curves.png", "overlays",
+    "uncertainty.png", "submission", "scores.json", "samples.png", "labels.json",
+)  # fmt: skip
+"""Files and folders that runs write; a folder that holds one of them is not written to."""
+
+
 def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: ANN401  # any object
     """Build the object that a part of a configuration describes with Hydra; None for None."""
     if config is None:
@@ -75,7 +83,12 @@ def instantiate(config: DictConfig | None, **arguments: Any) -> Any:  # noqa: AN
     return hydra.utils.instantiate(config, _partial_=True)(**arguments)
 
 
-def refuse_untrusted(config: DictConfig, source: str, version: str | None = None) -> None:
+def refuse_untrusted(
+    config: DictConfig,
+    source: str,
+    version: str | None = None,
+    trusted: frozenset[str] = frozenset(),
+) -> None:
     """Check a configuration that came with a checkpoint before anything in it is called.
 
     A configuration that its user composed may call anything, but a file from elsewhere may name any
@@ -85,13 +98,14 @@ def refuse_untrusted(config: DictConfig, source: str, version: str | None = None
         config: The parts that will be built.
         source: The file, for the message.
         version: Version of hand_recon that wrote it, where the file says.
+        trusted: Further targets that may be called.
 
     Raises:
         ValueError: A `_target_` is neither in `TRUSTED` nor in the environment's HAND_RECON_TRUSTED.
     """
-    allowed = TRUSTED | set(os.environ.get("HAND_RECON_TRUSTED", "").split(","))
+    allowed = TRUSTED | trusted | set(os.environ.get("HAND_RECON_TRUSTED", "").split(","))
     refuse_outdated(config, source, version)
-    for target in _targets(config):
+    for target in targets(config):
         if target not in allowed:
             raise ValueError(
                 f"{source} asks to call {target!r}, which is not among the targets that are known to be "
@@ -109,21 +123,27 @@ def refuse_outdated(config: DictConfig, source: str, version: str | None = None)
         version: Version of hand_recon that wrote it, where the file says.
 
     Raises:
-        ValueError: A `_target_` of hand_recon is not among `TRUSTED`.
+        ValueError: A `_target_` of hand_recon does not exist.
     """
-    for target in _targets(config):
-        if target.startswith("hand_recon.") and target not in TRUSTED:
+    for target in targets(config):
+        if target.startswith("hand_recon.") and target not in TRUSTED and not _exists(target):
             raise ValueError(
                 f"{source} names {target!r}, which hand_recon {__version__} does not have: it was written by "
                 f"hand_recon {version or '0.1'}. Use that version, or train again."
             )
 
 
-def _targets(config: DictConfig) -> list[str]:
-    """Every `_target_` of a configuration.
+def _exists(target: str) -> bool:
+    """True if a dotted name of this package can be imported."""
+    module, _, name = target.rpartition(".")
+    try:
+        return hasattr(importlib.import_module(module), name)
+    except ImportError:
+        return False
 
-    References are resolved first, so that nothing hides behind one; missing values are the target's business.
-    """
+
+def targets(config: DictConfig) -> list[str]:
+    """Every `_target_` of a configuration, references resolved; missing values are the target's business."""
     return list(_targets_of(OmegaConf.to_container(config, resolve=True)))
 
 
@@ -205,13 +225,14 @@ def claim_folder(path: str | Path) -> Path:
     """Make a run's folder.
 
     Raises:
-        FileExistsError: It already holds a run.
+        FileExistsError: It already holds something that a run writes.
     """
     folder = Path(path).absolute()
-    if (folder / "metrics.json").exists() or (folder / "checkpoints").exists():
+    taken = [name for name in PRODUCTS if (folder / name).exists()]
+    if taken:
         raise FileExistsError(
-            f"{folder} already holds a run, and nothing is overwritten. Leave paths.run and hydra.run.dir "
-            "to their defaults, or name another folder."
+            f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Leave paths.run and "
+            "hydra.run.dir to their defaults, or name another folder."
         )
     folder.mkdir(parents=True, exist_ok=True)
     return folder

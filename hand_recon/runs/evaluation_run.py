@@ -20,7 +20,7 @@ from hand_recon.protocols.scoring import print_scores, submit
 from hand_recon.protocols.submission import rooted
 from hand_recon.runs.building import build_data, check_input
 from hand_recon.runs.checkpoints import load_trained
-from hand_recon.runs.configuration import claim_folder, configure_process, use_cache
+from hand_recon.runs.configuration import check_extra, claim_folder, configure_process, use_cache
 from hand_recon.runs.results import Run, finish_run, sees_all_batches, write_json
 from hand_recon.runs.training_progress import quiet_libraries
 
@@ -44,6 +44,7 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
             "No checkpoint was given. Type hand-recon evaluate <file or folder of a run>, for example "
             "outputs/train/<time>; predictions of another system are scored by hand-recon score."
         )
+    check_extra("matplotlib", "jinja2")
     quiet_libraries()
     configure_process(config.threads)
     other_data = config.get("data") is not None

@@ -18,7 +18,7 @@ from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.runs.building import build_data
 from hand_recon.runs.checkpoints import load_trained
-from hand_recon.runs.configuration import configure_process, use_cache
+from hand_recon.runs.configuration import check_extra, configure_process, use_cache
 from hand_recon.runs.training_progress import quiet_libraries
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.tables.collection import collect
@@ -88,6 +88,7 @@ def figures(config: DictConfig) -> dict[str, str]:
         ValueError: No row of Table 1 is among the runs, or none with the seed that was asked for.
         FileExistsError: The output folder holds such figures.
     """
+    check_extra("matplotlib", "jinja2")
     quiet_libraries()
     configure_process(config.threads)
     folder = Path(config.output).absolute()

@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
 import torch
-from hydra import compose, initialize_config_dir
 from jaxtyping import Bool, Float, Int
 
-from hand_recon.command_line.configuration_files import CONF
+from hand_recon.command_line.composing import composed
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hands_file import HandRecords
@@ -21,8 +20,14 @@ from hand_recon.fitting.results import ResultOptions, write_results
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter
 
-SIDES = ("right", "left")
+SIDES: Final = ("right", "left")
 """Sides that a hand can have."""
+
+COMMAND_ONLY: Final = frozenset(
+    {"data", "hands", "images", "intrinsics", "landmarks", "name", "order", "output", "results", "seed",
+     "side", "third_value", "threads"}
+)  # fmt: skip
+"""Settings of `hand-recon fit` that a fit of arrays does not read."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class ReconstructedHands:
 def fit_landmarks(
     points: Any,  # noqa: ANN401  # anything that NumPy takes
     *,
-    side: str | Sequence[str] = "right",
+    side: str | Sequence[str] | None = None,
     intrinsics: Any = None,  # noqa: ANN401
     confidence: Any = None,  # noqa: ANN401
     images: Sequence[str | Path | None] | None = None,
@@ -122,7 +127,7 @@ def fit_landmarks(
         points: What `hand_recon.read_landmarks` read from a file, which then says the rest; or 21 landmarks
             per hand in the order of MediaPipe, OpenPose and FreiHAND, pixels of the image
             (pixel i covers [i, i + 1)): hand × 21 × 2, or 21 × 2 for one hand. NaN where one is missing.
-        side: `right` or `left`, one for all hands or one per hand.
+        side: `right` or `left`, one for all hands or one per hand; right by default.
         intrinsics: Camera matrix, pixels: 3 × 3, or one per hand; none for an assumed camera of 500 px on a
             crop of 224 px.
         confidence: Detector confidence of each landmark, 0 to 1; none if unknown.
@@ -130,21 +135,41 @@ def fit_landmarks(
         overrides: Settings of `hand-recon fit`, such as `prior=biomechanics` or `descent.steps=100`.
 
     Raises:
-        ValueError: Shapes, sides or confidences are not as above.
+        ValueError: Shapes, sides, cameras or confidences are not as above; or an argument is given twice.
     """
-    if isinstance(points, ImageLandmarks):
-        landmarks = points
-    else:
-        landmarks = _image_landmarks(points, side, intrinsics, confidence)
-    if images is not None:
-        files = tuple(None if one is None else Path(one) for one in images)
-        landmarks = replace(landmarks, images=files)
-    with initialize_config_dir(CONF, version_base="1.3"):
-        config = compose("fit", list(overrides))
-    config = adapted_to_data(config)
-    hand = build_hand(config)
-    parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand)))
+    _check_overrides(overrides)
+    # A fit takes gradients, also for callers who take none.
+    with torch.inference_mode(False), torch.enable_grad():
+        if isinstance(points, ImageLandmarks):
+            if not (side is None and intrinsics is None and confidence is None):
+                raise ValueError(
+                    "side, intrinsics and confidence belong to arrays, and these landmarks have their own. "
+                    "Read the camera with read_landmarks(file, intrinsics_file), or pass an array."
+                )
+            # Copied, since tensors of inference mode have no gradients.
+            landmarks = points.select(slice(None))
+        else:
+            landmarks = _image_landmarks(points, side or "right", intrinsics, confidence)
+        if images is not None:
+            files = tuple(None if one is None else Path(one) for one in images)
+            landmarks = replace(landmarks, images=files)
+        config = adapted_to_data(composed("fit", overrides))
+        hand = build_hand(config)
+        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand)))
     return ReconstructedHands(parts, hand.faces.numpy())
+
+
+def _check_overrides(overrides: Sequence[str]) -> None:
+    """Refuse settings that only the command reads."""
+    if isinstance(overrides, str):
+        raise ValueError(f"overrides is one string, {overrides!r}; expected a list of them.")
+    for word in overrides:
+        name = word.lstrip("+~").partition("=")[0]
+        if name in COMMAND_ONLY:
+            raise ValueError(
+                f"The override {word!r} has no effect here: {name} is an argument of fit_landmarks or is the "
+                "command's own."
+            )
 
 
 def _image_landmarks(
@@ -154,6 +179,8 @@ def _image_landmarks(
     confidence: Any,  # noqa: ANN401
 ) -> ImageLandmarks:
     """Check the arrays and make the record that is fitted to."""
+    if isinstance(points, torch.Tensor):
+        points = points.detach().cpu()
     found = np.asarray(points, dtype=np.float64)
     array = found[None] if found.ndim == 2 else found
     if array.ndim != 3 or array.shape[1:] != (21, 2) or not len(array):
@@ -189,4 +216,16 @@ def _per_hand(name: str, values: Any, shape: tuple[int, ...]) -> torch.Tensor:  
         raise ValueError(
             "A confidence is not between 0 and 1; a detector's raw score is no confidence."
         )
+    if name == "intrinsics" and not _are_cameras(array):
+        raise ValueError(
+            "intrinsics is no camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, "
+            "finite, with fx and fy above 0."
+        )
     return torch.from_numpy(np.broadcast_to(array, shape).copy())
+
+
+def _are_cameras(matrices: Float[np.ndarray, "*hand 3 3"]) -> bool:
+    """True if every matrix can be a camera's."""
+    focal = matrices[..., [0, 1], [0, 1]]
+    last = np.abs(matrices[..., 2, :] - [0.0, 0.0, 1.0])
+    return bool(np.isfinite(matrices).all() and (focal > 0).all() and (last < 1e-6).all())

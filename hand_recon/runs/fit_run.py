@@ -47,7 +47,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
         )
     threads = configure_process(config.threads)
     folder = claim_results_folder(
-        config.output or HydraConfig.get().runtime.output_dir,
+        config.output or HydraConfig.get().runtime.output_dir, "config.yaml"
     )
     config = adapted_to_data(config)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")

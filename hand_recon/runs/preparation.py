@@ -20,7 +20,7 @@ from hand_recon.inspection.contact_sheet import contact_sheet
 from hand_recon.inspection.labels import LabelReport, examine_labels
 from hand_recon.inspection.ranges import examine_poses
 from hand_recon.runs.building import build_data
-from hand_recon.runs.configuration import build_hand, claim_folder
+from hand_recon.runs.configuration import build_hand, check_extra, claim_folder
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +40,11 @@ def prepare(config: DictConfig) -> Any:  # noqa: ANN401  # each task's own resul
         raise ValueError(
             f"{'No task was given' if name is None else f'Unknown task {name!r}'}: type hand-recon prepare "
             "with mano, cache or check."
+        )
+    if name != "mano" and config.source is not None:
+        raise ValueError(
+            f"prepare {name} takes no file, found {config.source!r}. Name the data as options, for example "
+            f"hand-recon prepare {name} data=freihand data.root=<folder>."
         )
     return tasks[name](config)
 
@@ -114,6 +119,7 @@ def check(config: DictConfig) -> LabelReport:
     Raises:
         ValueError: The labels cannot be what they are taken for.
     """
+    check_extra("matplotlib")
     data, hand = build_data(config), build_hand(config)
     split = config.splits[0]
     dataset = data.dataset_with_surfaces(split)

@@ -6,6 +6,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from hand_recon.runs.configuration import check_extra
 from hand_recon.tables.beside import beside
 from hand_recon.tables.collection import collect
 from hand_recon.tables.documents import Comparison, write_documents
@@ -32,6 +33,7 @@ def report(config: DictConfig) -> dict[str, Any]:
         ValueError: No run is finished.
         FileExistsError: The output folder holds a report.
     """
+    check_extra("matplotlib", "jinja2")
     compared = Compared(tuple(config.method), tuple(config.ignored))
     found = collect(config.runs, Path(config.paths.output), compared)
     logger.info("Runs are taken from %s", ", ".join(found.sources))

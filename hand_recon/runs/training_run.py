@@ -68,7 +68,9 @@ def train(config: DictConfig) -> dict[str, Any]:
         "train_images_per_second": round(images / max(seconds, 1e-9), 1),
         "epochs": trainer.current_epoch,
     }
-    return finish_run(Run(config, folder, load_trained(best).module, data, mean, facts))
+    return finish_run(
+        Run(config, folder, load_trained(best, composed=config).module, data, mean, facts)
+    )
 
 
 def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trainer:

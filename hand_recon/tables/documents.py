@@ -10,7 +10,6 @@ from typing import Final
 import jinja2
 
 from hand_recon.tables.beside import Beside, csv_rows_beside, notes_beside, text_table
-from hand_recon.tables.chart import draw_chart
 from hand_recon.tables.runs import LeftOut
 from hand_recon.tables.summary import Summary
 from hand_recon.tables.text_tables import TextTable, csv_rows, describe, notes, text_tables
@@ -65,6 +64,9 @@ def write_documents(comparison: Comparison, folder: Path) -> list[Path]:
     Raises:
         FileExistsError: The folder holds a report.
     """
+    # matplotlib belongs to the extra `train`, whose absence is reported when the command begins.
+    from hand_recon.tables.chart import draw_chart
+
     taken = [name for name in (*NAMES, CSV_2_3) if (folder / name).exists()]
     if taken:
         raise FileExistsError(

@@ -1,5 +1,6 @@
 """Every verb has a module, a configuration and help; start-up imports nothing heavy."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -40,6 +41,7 @@ def imported(arguments: list[str], folder: Path) -> set[str]:
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    (folder / "printed.txt").write_text(done.stdout)
     return set(json.loads((folder / "modules.json").read_text()))
 
 
@@ -56,11 +58,15 @@ def test_the_console_script_is_the_front_door() -> None:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_says_what_the_verb_does_and_imports_nothing_heavy(
-    verb: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_help_says_what_the_verb_does_and_imports_nothing_heavy(verb: str, tmp_path: Path) -> None:
     modules = imported([verb, "--help"], tmp_path)
     assert modules.isdisjoint(HEAVY)
+    printed = (tmp_path / "printed.txt").read_text()
+    described = importlib.import_module(f"hand_recon.{verb}").__doc__
+    assert described is not None
+    assert described.strip() in printed
+    # Hydra's own help follows.
+    assert f"{verb} is powered by Hydra" in printed
 
 
 def test_the_overview_needs_not_even_hydra(tmp_path: Path) -> None:

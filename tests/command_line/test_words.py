@@ -106,7 +106,17 @@ def test_hydras_flags_pass() -> None:
         "~logger",
         "+trainer.fast_dev_run=true",
     ]
-    assert overrides("train", *words) == words
+    # Flags come first: Hydra reads no override after a flag that follows another override.
+    flags = ["-m", "--cfg", "job", "-c=job", "--resolve"]
+    assert overrides("train", *words) == [*flags, *(word for word in words if word not in flags)]
+    assert overrides("train", "--info", "seed=1") == ["--info", "seed=1"]
+    assert overrides("train", "seed=1", "-sc", "install=bash") == ["seed=1", "-sc", "install=bash"]
+
+
+def test_a_path_by_position_or_option_is_never_hydras_grammar() -> None:
+    for name in ("[v2]", "'w'", "null"):
+        assert landmarks(name) == landmarks("--landmarks", name) == name
+    assert overrides("report", "[a,b]") == ["runs=[a,b]"]
 
 
 def test_a_group_of_the_defaults_list_may_be_given_with_or_without_a_plus() -> None:
@@ -140,6 +150,7 @@ def test_a_sweep_over_files_names_each_of_them(
         (["priors=none"], "Unknown option 'priors' of `fit`; did you mean prior?"),
         (["-o", "out"], "Unknown option '-o'"),
         (["--output"], "Option --output lacks its value"),
+        (["--output", "--intrinsics", "K.json"], "lacks its value; --intrinsics is an option"),
         (["a.json", "b.json"], "Unexpected word 'b.json': `fit` takes landmarks by position"),
     ],
 )

@@ -186,6 +186,8 @@ def test_a_task_is_needed_and_must_be_known(tmp_path: Path) -> None:
         ValueError, match="No task was given: type hand-recon prepare with mano, cache"
     ):
         prepare.prepare(config)
+    with pytest.raises(ValueError, match="prepare cache takes no file, found 'mine'"):
+        prepare.prepare(configuration(tmp_path, tmp_path, "task=cache", "source=mine"))
     config.task = "meals"
     with pytest.raises(ValueError, match="Unknown task 'meals'"):
         prepare.prepare(config)

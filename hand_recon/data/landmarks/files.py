@@ -24,6 +24,7 @@ A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what 
 import dataclasses
 import json
 import logging
+import os
 from pathlib import Path
 
 from hand_recon.data.landmarks.camera_files import read_intrinsics
@@ -52,14 +53,14 @@ def read_landmarks(
         FileNotFoundError: A file is missing.
         ValueError: A file cannot be parsed, or its numbers cannot be landmarks or cameras.
     """
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))
     text = _text(path)
     is_json = text.lstrip().startswith(("[", "{"))
     parsed = _parse_json(path, text) if is_json else parse_csv(path, text)
     if intrinsics is not None and len(parsed.points):
         if parsed.intrinsics is not None:
             logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
-        cameras = read_intrinsics(Path(intrinsics).expanduser(), len(parsed.points))
+        cameras = read_intrinsics(Path(os.path.expanduser(intrinsics)), len(parsed.points))
         parsed = dataclasses.replace(parsed, intrinsics=cameras)
     landmarks = to_image_landmarks(path, parsed, assumed or Assumptions())
     poor = [name for name, good in zip(landmarks.names, landmarks.usable, strict=True) if not good]
