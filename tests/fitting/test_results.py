@@ -197,7 +197,8 @@ def test_nothing_is_overwritten(hand: HandModel, tmp_path: Path) -> None:
     assert claim_results_folder(tmp_path / "run") == tmp_path / "run"
     write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
     before = (tmp_path / "run" / "fit.json").read_text()
-    with pytest.raises(FileExistsError, match=r"already holds fit\.json, joints\.json, fits\.png, meshes, pictures of"):
+    taken = r"already holds fit\.json, joints\.json, fits\.png, meshes, pictures of"
+    with pytest.raises(FileExistsError, match=taken):
         write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
     assert (tmp_path / "run" / "fit.json").read_text() == before
 
