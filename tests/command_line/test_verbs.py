@@ -24,7 +24,7 @@ SLOW_FOR_FIT = (
     "lightning", "torchmetrics", "torchvision", "torch._dynamo", "torch._inductor", "matplotlib",
     "tensorboard",
 )  # fmt: skip
-"""What fitting hands does not need; torch itself takes most of its start-up."""
+"""Packages that fitting hands does not need; torch itself takes most of its start-up."""
 
 
 def imported(arguments: list[str], folder: Path) -> set[str]:

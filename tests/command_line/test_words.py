@@ -1,4 +1,4 @@
-"""What people type becomes what Hydra composes: paths, options, quoting, and unknown names refused."""
+"""Words of a command line become Hydra's overrides: paths, options, quoting, and unknown names refused."""
 
 from pathlib import Path
 
