@@ -139,12 +139,12 @@ class _MeshesAndImages:
             hand = fitted_image(part, position, number)
             self.captions.append(hand.caption)
             self.rows.append(draw_fitted(hand, self.faces, self.options.panel))
-            _write_png(self._folder("pictures") / f"{name}.png", self.rows[-1])
+            write_png(self._folder("pictures") / f"{name}.png", self.rows[-1])
 
     def finish(self, hands: int) -> None:
         """Write the contact sheet, and log how many meshes and images were left out."""
         if self.rows:
-            _write_png(self.folder / "fits.png", contact_sheet(self.rows, self.captions))
+            write_png(self.folder / "fits.png", contact_sheet(self.rows, self.captions))
         for what, most in (("meshes", self.options.meshes), ("pictures", self.options.pictures)):
             if hands > most > 0:
                 logger.info(
@@ -177,7 +177,8 @@ def _write_mesh(
     trimesh.Trimesh(vertices, faces, process=False).export(path)
 
 
-def _write_png(path: Path, image: np.ndarray) -> None:
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write an RGB image as a PNG file."""
     # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
     path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 

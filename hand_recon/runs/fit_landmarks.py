@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
@@ -16,7 +15,7 @@ from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hands_file import HandRecords
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.in_parts import fit_in_parts
-from hand_recon.fitting.results import ResultOptions, write_results
+from hand_recon.fitting.results import ResultOptions, write_png, write_results
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter
 
@@ -89,8 +88,7 @@ class ReconstructedHands:
                     captions.append(one.caption)
                     rows.append(draw_fitted(one, self.faces, panel))
                 number += 1
-        sheet = contact_sheet(rows, captions)
-        path.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
+        write_png(path, contact_sheet(rows, captions))
         return path
 
     def save(self, folder: str | Path, options: ResultOptions | None = None) -> Path:
