@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
+from hand_recon.command_line.processor import share_processor
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
@@ -37,7 +38,7 @@ def run_verb(
     Raises:
         SystemExit: The command line cannot be understood (status 2), or the run failed.
     """
-    wait_without_spinning()
+    share_processor()
     register_resolvers()
     verb, config_name = VERBS[name], config_name or name
     try:
@@ -77,15 +78,6 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
         return getattr(importlib.import_module(module), function)(config)
 
     return task
-
-
-def wait_without_spinning() -> None:
-    """Let idle threads sleep, unless the environment says otherwise; call it before torch is loaded.
-
-    By default OpenMP's threads spin while they wait for each other. On a busy machine that steals the
-    time of the thread they wait for: two torch threads were 5 to 8 times slower.
-    """
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def _check_nested(config_name: str, overrides: Sequence[str]) -> None:

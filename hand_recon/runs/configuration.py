@@ -13,6 +13,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon import __version__
+from hand_recon.command_line.processor import default_threads
 from hand_recon.command_line.resolvers import MANO_HAND, register_resolvers
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
@@ -179,15 +180,14 @@ def configure_process(threads: int | None) -> int:
     """Set the number of compute threads, reset an unsupported start method to spawn, return the number.
 
     Args:
-        threads: Threads; none for every core that this process may use. More than that is many times slower.
+        threads: Threads; none for every core that is not busy with other processes. More threads than free
+            cores are many times slower.
     """
     # The processes of Hydra's joblib launcher have joblib's start method, which their own children
     # do not know.
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
         multiprocessing.set_start_method("spawn", force=True)
-    # Systems without CPU affinity give a process all cores.
-    usable = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
-    count = threads or len(usable(0))
+    count = threads or default_threads()
     torch.set_num_threads(count)
     return count
 
