@@ -46,6 +46,14 @@ class ParsedHands:
     """Left, top, right and bottom, pixels of the image; NaN, or no extent, where there is no box."""
     occluded: Bool[np.ndarray, "hand landmark=21"] | None = None
     """True for landmarks that cannot be seen, in the file's order of landmarks."""
+    image_sizes: Float[np.ndarray, "hand 2"] | None = None
+    """Width and height of each hand's image as the file states them; NaN where it does not."""
+    title: str | None = None
+    """The tool's format in words, such as `OpenPose's people`; None for the project's own forms."""
+    left_out: Sequence[str] = ()
+    """Entries of the file that are not among the hands, counted in words."""
+    in_freihand_order: bool = False
+    """True if the file names its landmarks, which are then in FreiHAND's order already."""
 
 
 @dataclass(frozen=True)
