@@ -40,6 +40,8 @@ class ImageLandmarks:
     """Annotated box of each hand: left, top, right and bottom, pixels; NaN where unknown."""
     occluded: Bool[Tensor, "hand landmark=21"] | None = None
     """True for labelled landmarks that cannot be seen; None if the file does not specify it."""
+    image_sizes: Float[Tensor, "hand 2"] | None = None
+    """Width and height of each hand's image as the file gives them, pixels; NaN where unknown."""
 
     def __post_init__(self) -> None:
         if not self.images:
@@ -79,6 +81,7 @@ class ImageLandmarks:
             images=tuple(self.images[hand] for hand in chosen),
             hand_boxes=None if self.hand_boxes is None else self.hand_boxes[chosen],
             occluded=None if self.occluded is None else self.occluded[chosen],
+            image_sizes=None if self.image_sizes is None else self.image_sizes[chosen],
         )
 
     def parts(self, size: int) -> Iterator["ImageLandmarks"]:

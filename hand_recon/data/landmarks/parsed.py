@@ -146,6 +146,7 @@ def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) ->
         occluded=None
         if parsed.occluded is None
         else torch.from_numpy((parsed.occluded & labelled)[:, order]),
+        image_sizes=None if parsed.image_sizes is None else torch.from_numpy(parsed.image_sizes),
     )
 
 
