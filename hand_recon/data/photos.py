@@ -1,0 +1,213 @@
+"""Photographs as people have them, upright and in sRGB, with what EXIF says about the camera.
+
+Pillow reads them all: it gives orientation and metadata of every format and refuses files that are cut off,
+where OpenCV rotates some formats only and fills the missing part with grey (decision 60). Training reads its
+many images with `hand_recon.data.images.read_image`, which is faster.
+"""
+
+import importlib
+import stat
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image, features
+
+from hand_recon.data.photo_colours import to_srgb
+from hand_recon.data.photo_exif import focal, orientation, to_upright
+from hand_recon.data.photo_files import photo_files
+from hand_recon.data.photo_formats import Kind, PhotoError, kind_of_file, shown
+
+__all__ = ["LARGEST_PHOTO", "Photo", "PhotoError", "photo_files", "read_photo"]
+
+LARGEST_PHOTO: Final = 210_000_000
+"""Most pixels of a photograph: a little more than the 200 megapixels of the largest cameras of telephones."""
+
+_SEVERAL: Final = {"GIF": "frames", "PNG": "frames", "WEBP": "frames", "AVIF": "frames"}
+_ROTATED_BY_THEIR_READERS: Final = ("TIFF", "HEIF")
+_limit = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photograph, upright."""
+
+    pixels: UInt8[np.ndarray, "height width 3"]
+    """sRGB."""
+    path: Path
+    """File."""
+    stored_size: tuple[int, int]
+    """Width and height before the rotation that EXIF asks for, pixels."""
+    orientation: int
+    """EXIF's orientation, 1 (stored upright) to 8; it is applied to the pixels."""
+    focal_35mm: float | None = None
+    """Focal length on 35 mm film by EXIF, millimetres."""
+    focal_px: float | None = None
+    """Focal length by EXIF, pixels of this image.
+
+    From FocalLength and FocalPlaneXResolution; without them, from FocalLengthIn35mmFilm by the image's
+    diagonal, which is 43.27 mm on 35 mm film. It is wrong for an image that was cropped unless EXIF records
+    the size before; then it is None.
+    """
+    notes: tuple[str, ...] = ()
+    """Sentences on what was left out or converted."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.pixels.shape[1], self.pixels.shape[0]
+
+
+def read_photo(path: str | Path) -> Photo:
+    """Read a photograph of any common format; its content decides which, not the suffix of its name.
+
+    JPEG, PNG, WebP, TIFF, AVIF, GIF, BMP, JPEG 2000, PPM and, with pi-heif, HEIC. Grey, palette, CMYK and
+    16-bit images become 8-bit sRGB, transparent parts white, and EXIF's orientation is applied. Of files with
+    several images the first is read, with a note.
+
+    The peak of memory is 10 bytes a pixel, 18 for WebP: 1.1 GB for a JPEG of 12,000 × 9,000.
+
+    Raises:
+        PhotoError: There is no such file, or it is no photograph, damaged, cut off, larger than
+            `LARGEST_PHOTO`, or HEIC without pi-heif.
+    """
+    path = Path(path)
+    kind = _checked_kind(path)
+    try:
+        with (
+            _own_limit(),
+            path.open("rb") as stream,
+            Image.open(stream, formats=[kind.name]) as image,
+        ):
+            _check_size(path, image.size)
+            return _decoded(image, path, kind)
+    except PhotoError:
+        raise
+    except Exception as error:
+        # A damaged file can raise anything in its decoder.
+        raise _damaged(path, kind, error) from error
+
+
+def _checked_kind(path: Path) -> Kind:
+    try:
+        kind = _kind_of_ordinary_file(path)
+    except FileNotFoundError:
+        raise PhotoError(
+            f"No file at {shown(path)}; expected a photograph. Check the name and the folder."
+        ) from None
+    except OSError as error:
+        raise PhotoError(
+            f"Cannot open {shown(path)}: {error.strerror}. Check its name and permissions."
+        ) from error
+    if kind.refusal:
+        raise PhotoError(f"{shown(path)} is no photograph that can be read. {kind.refusal}")
+    if kind.name == "HEIF" and not _reads_heif():
+        raise PhotoError(
+            f"{shown(path)} is a HEIC image, for which a package is missing. Run pip install "
+            '"hand-recon[heif]", or export the image as JPEG.'
+        )
+    if kind.name == "AVIF" and not features.check("avif"):
+        raise PhotoError(
+            f"{shown(path)} is an AVIF image, which this version of Pillow does not read. Update Pillow, or "
+            "export the image as JPEG."
+        )
+    return kind
+
+
+def _kind_of_ordinary_file(path: Path) -> Kind:
+    if "\0" in str(path):
+        raise PhotoError(
+            f"{str(path)!r} is no file name, since it holds a zero byte. Check the name."
+        )
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise PhotoError(f"{shown(path)} is a folder; expected a photograph. Name the files in it.")
+    if not stat.S_ISREG(mode):
+        # Opening a pipe would wait for its other end.
+        raise PhotoError(
+            f"{shown(path)} is no ordinary file; expected a photograph. Save it as a file first."
+        )
+    return kind_of_file(path)
+
+
+def _reads_heif() -> bool:
+    try:
+        importlib.import_module("pi_heif").register_heif_opener()
+    except ImportError:
+        return False
+    return True
+
+
+@contextmanager
+def _own_limit() -> Iterator[None]:
+    """Replace Pillow's limit of pixels by `LARGEST_PHOTO`, and its warnings by silence, for one file."""
+    with _limit, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        before, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, LARGEST_PHOTO
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = before
+
+
+def _check_size(path: Path, size: tuple[int, int]) -> None:
+    if size[0] * size[1] > LARGEST_PHOTO:
+        raise PhotoError(
+            f"{shown(path)} has {size[0]} × {size[1]} pixels; expected at most "
+            f"{LARGEST_PHOTO / 1e6:.0f} megapixels. Scale it down first."
+        )
+
+
+def _decoded(image: Image.Image, path: Path, kind: Kind) -> Photo:
+    if kind.name == "PNG":
+        # Its metadata may follow the pixels. TIFF's reader, in contrast, removes the orientation.
+        image.load()
+    rotation, facts = orientation(image), focal(image)
+    notes = list(_notes(image, kind))
+    image.load()
+    try:
+        converted, colour_notes = to_srgb(image)
+    except ValueError as error:
+        raise PhotoError(
+            f"{shown(path)} cannot be converted: {error} Export it as an 8-bit JPEG or PNG."
+        ) from error
+    pixels = np.asarray(converted)
+    if kind.name not in _ROTATED_BY_THEIR_READERS:
+        pixels = to_upright(pixels, rotation)
+    height, width, _ = pixels.shape
+    return Photo(
+        pixels=np.array(pixels, order="C"),
+        path=path,
+        stored_size=(height, width) if rotation >= 5 else (width, height),
+        orientation=rotation,
+        focal_35mm=facts.film,
+        focal_px=facts.pixels,
+        notes=(*notes, *colour_notes, *([facts.note] if facts.note else [])),
+    )
+
+
+def _notes(image: Image.Image, kind: Kind) -> Iterator[str]:
+    count = getattr(image, "n_frames", 1)
+    if count > 1 and image.format != "MPO":
+        yield f"It holds {count} {_SEVERAL.get(kind.name, 'images')}; the first is read."
+
+
+def _damaged(path: Path, kind: Kind, error: Exception) -> PhotoError:
+    if isinstance(error, MemoryError):
+        return PhotoError(
+            f"There is not enough memory to read {shown(path)}, which takes 10 to 18 bytes a pixel. Scale it "
+            "down first."
+        )
+    if isinstance(error, Image.DecompressionBombError):
+        return PhotoError(
+            f"{shown(path)} has more pixels than the {LARGEST_PHOTO / 1e6:.0f} million that are read. "
+            "Scale it down first."
+        )
+    reason = "cut off" if "truncated" in str(error).lower() else "damaged"
+    return PhotoError(f"{shown(path)} is a {reason} {kind.name} file. Copy or download it again.")
