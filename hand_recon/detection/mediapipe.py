@@ -1,0 +1,209 @@
+"""MediaPipe's hand detection: palms in the whole image, then the landmarks of each hand."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from jaxtyping import UInt8
+
+from hand_recon.detection.detector import DetectedHand, Detections
+from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_repeated
+from hand_recon.detection.model_download import model_loader
+from hand_recon.detection.models import LANDMARKS, PALMS
+from hand_recon.detection.palms import Palm, PalmNetwork
+
+AUTO_PADDING: Final = 1.7
+"""Padding of the second look of `padding=auto`, in longer sides of the image (decision 55)."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Limits below which something is not taken for a hand."""
+
+    min_presence: float = 0.5
+    """Least presence, 0 to 1; MediaPipe's own value."""
+    min_side: float = 20.0
+    """Least extent of a hand, pixels: the longer side of the box around its landmarks."""
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ValueError: A value is out of its range.
+        """
+        check_share("min_presence", self.min_presence)
+        if self.min_side < 0:
+            raise ValueError(
+                f"Expected detector.min_side of at least 0 pixels, found {self.min_side}."
+            )
+
+    def objection(self, reading: HandReading) -> str | None:
+        """The sentence about a reading that is below a limit; none if it is a hand."""
+        x, y = reading.landmarks_2d.mean(axis=0)
+        if reading.presence <= self.min_presence:
+            return (
+                f"a candidate at ({x:.0f}, {y:.0f}) has presence {reading.presence:.2f}, not above "
+                f"detector.min_presence={self.min_presence:g}"
+            )
+        if reading.extent < self.min_side:
+            return (
+                f"a hand at ({x:.0f}, {y:.0f}) spans {reading.extent:.0f} px, below "
+                f"detector.min_side={self.min_side:g}"
+            )
+        return None
+
+
+def check_share(option: str, value: float) -> None:
+    """Check a value between 0 and 1.
+
+    Raises:
+        ValueError: It is outside.
+    """
+    if not 0 <= value <= 1:
+        raise ValueError(f"Expected detector.{option} between 0 and 1, found {value:g}.")
+
+
+@dataclass
+class _Look:
+    """Hands found so far in one look at an image."""
+
+    thresholds: Thresholds
+    readings: list[HandReading] = field(default_factory=list)
+    palms: list[Palm] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+
+    def add(self, palm: Palm, reading: HandReading) -> None:
+        """Take a reading as a hand, or say why not."""
+        objection = self.thresholds.objection(reading)
+        if objection is None and is_repeated(reading, self.readings):
+            x, y = palm.box.reshape(2, 2).mean(axis=0)
+            objection = f"a palm at ({x:.0f}, {y:.0f}) is of a hand that was found already"
+        if objection is None:
+            self.readings.append(reading)
+            self.palms.append(palm)
+        else:
+            self.dropped.append(objection)
+
+    def detections(self) -> Detections:
+        hands = tuple(
+            to_hand(reading, palm.score)
+            for reading, palm in zip(self.readings, self.palms, strict=True)
+        )
+        return Detections(hands, tuple(self.dropped))
+
+
+def to_hand(reading: HandReading, palm_score: float | None = None) -> DetectedHand:
+    """The record of a reading.
+
+    Args:
+        reading: What the landmark network read.
+        palm_score: Score of the palm network, if it found the hand.
+    """
+    return DetectedHand(
+        landmarks_2d=reading.landmarks_2d,
+        side=reading.side,
+        score=reading.presence,
+        side_score=reading.side_score,
+        palm_score=palm_score,
+        landmarks_3d=reading.landmarks_3d,
+    )
+
+
+class MediaPipeDetector:
+    """Hands of an image by MediaPipe's two networks; their models are prepared at the first need."""
+
+    name: Final = "mediapipe"
+
+    def __init__(
+        self,
+        *,
+        max_hands: int | None = None,
+        min_palm_score: float = 0.5,
+        min_presence: float = 0.5,
+        min_side: float = 20.0,
+        padding: float | Literal["auto"] = "auto",
+        threads: int = 1,
+        models: str | Path | None = None,
+    ) -> None:
+        """Check the options; nothing is loaded yet.
+
+        Args:
+            max_hands: Largest number of hands of an image, the best palms first; none for all.
+            min_palm_score: Least score of a palm, 0 to 1.
+            min_presence: Least presence of a hand, 0 to 1.
+            min_side: Least extent of a hand's landmarks, pixels.
+            padding: Side of the square in which palms are looked for, in longer sides of the image. More than
+                1 finds hands that fill the image, and misses small ones. `auto`: 1, and a second look with
+                1.7 if no hand was found.
+            threads: Number of threads of each network.
+            models: Folder of the models; none for the cache's.
+
+        Raises:
+            ValueError: An option is out of its range.
+        """
+        check_share("min_palm_score", min_palm_score)
+        if max_hands is not None and max_hands < 1:
+            raise ValueError(
+                f"Expected detector.max_hands of at least 1, or null for all hands, found {max_hands}."
+            )
+        self.paddings = _paddings(padding)
+        self.max_hands = max_hands
+        self.min_palm_score = min_palm_score
+        self.thresholds = Thresholds(min_presence, min_side)
+        self.find_palms = PalmNetwork(model_loader(PALMS, models), threads)
+        self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
+
+    def __call__(
+        self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None
+    ) -> Detections:
+        """Find the hands of an image.
+
+        Args:
+            image: RGB, bytes.
+            file: Not used.
+
+        Raises:
+            ModuleNotFoundError: LiteRT is not installed.
+            ModelsError: The models cannot be had.
+        """
+        found = Detections()
+        for padding in self.paddings:
+            found = self._look(image, padding)
+            if found.hands:
+                break
+        return found
+
+    def _look(self, image: UInt8[np.ndarray, "height width 3"], padding: float) -> Detections:
+        look = _Look(self.thresholds)
+        for palm in self.find_palms(image, self.min_palm_score, padding):
+            doubt = self._doubt(palm, len(look.readings))
+            if doubt is None:
+                look.add(palm, self.read_hand(image, palm.region))
+            else:
+                look.dropped.append(doubt)
+        return look.detections()
+
+    def _doubt(self, palm: Palm, found: int) -> str | None:
+        """The sentence about a palm that is not looked at more closely; none if it is."""
+        subject = f"a palm of score {palm.score:.2f}"
+        if palm.score < self.min_palm_score:
+            return f"{subject} is below detector.min_palm_score={self.min_palm_score:g}"
+        if self.max_hands is not None and found >= self.max_hands:
+            return f"{subject} is one more than detector.max_hands={self.max_hands}"
+        return None
+
+
+def _paddings(padding: float | str) -> tuple[float, ...]:
+    """The paddings to look with, in order.
+
+    Raises:
+        ValueError: It is neither `auto` nor a number of at least 1.
+    """
+    if padding == "auto":
+        return (1.0, AUTO_PADDING)
+    if isinstance(padding, str) or not 1 <= padding <= 10:
+        raise ValueError(
+            f"Expected detector.padding=auto or a number from 1 (none) to 10, found {padding}."
+        )
+    return (float(padding),)
