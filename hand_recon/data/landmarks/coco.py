@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hand_recon.data.landmarks.parsed import ParsedHands, read_side
+from hand_recon.data.landmarks.parsed import ParsedHands, read_side, to_image_sizes
 
 logger = logging.getLogger(__name__)
 
@@ -68,11 +68,18 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
     categories = {
         entry.get("id"): str(entry.get("name", "")) for entry in whole.get("categories", [])
     }
+    sizes = {
+        entry.get("id"): (entry.get("width"), entry.get("height"))
+        for entry in whole.get("images", [])
+    }
     hands: list[_Hand] = []
+    sizes_of_hands: list[tuple[Any, Any]] = []
     for annotation in whole["annotations"]:
         image = _image(images, annotation.get("image_id"))
         category = categories.get(annotation.get("category_id"), "")
-        hands += _hands_of(path, annotation, image, category)
+        found = _hands_of(path, annotation, image, category)
+        hands += found
+        sizes_of_hands += [sizes.get(annotation.get("image_id"), (None, None))] * len(found)
     if not hands:
         raise ValueError(
             f"{path}: none of {len(whole['annotations'])} annotations has a hand; expected `keypoints` of "
@@ -95,6 +102,7 @@ def parse_coco(path: Path, content: dict[str, Any] | list[Any]) -> ParsedHands:
         boxes=boxes,
         # Many files only mark that a keypoint is there, by 1.
         occluded=score == 1 if _are_visibilities(score) and (score == 2).any() else None,
+        image_sizes=to_image_sizes(sizes_of_hands),
     )  # fmt: skip
 
 

@@ -101,6 +101,15 @@ def read_side(where: str, value: object) -> str | None:
     return side
 
 
+def to_image_sizes(values: Sequence[tuple[object, object]]) -> Float[np.ndarray, "hand 2"] | None:
+    """Widths and heights as numbers, NaN where they are no positive numbers; None if none is."""
+    sizes = np.full((len(values), 2), np.nan)
+    for hand, (width, height) in enumerate(values):
+        if isinstance(width, int | float) and isinstance(height, int | float):
+            sizes[hand] = (width, height) if width > 0 and height > 0 else np.nan
+    return None if np.isnan(sizes).all() else sizes
+
+
 def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) -> ImageLandmarks:
     """Check parsed hands and put the landmarks into the project's order.
 
