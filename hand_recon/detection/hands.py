@@ -1,7 +1,7 @@
 """Landmarks of one hand: MediaPipe's landmark network, and the rule that no hand is reported twice.
 
-Constants are those of MediaPipe 0.10.21: modules/hand_landmark/hand_landmark_cpu.pbtxt and, for hands reported
-twice, tasks/…/calculators/hand_landmarks_deduplication_calculator.cc.
+Constants are those of MediaPipe 0.10.21: modules/hand_landmark/hand_landmark_cpu.pbtxt and, for hands found
+twice, hand_landmarks_deduplication_calculator.cc of its Tasks API.
 """
 
 import math

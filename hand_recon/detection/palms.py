@@ -139,13 +139,14 @@ def decode(
         values[:, 2:] + anchors()[:, None],
         scores,
     )
-    return decoded.select((extent >= 0).all(axis=1))
+    return decoded.select(np.asarray((extent >= 0).all(axis=1)))
 
 
 def suppress(candidates: PalmCandidates) -> PalmCandidates:
     """One palm for each group of overlapping candidates: their mean, weighted by score; the best first.
 
-    The best of those that are left takes all that overlap with it by more than `OVERLAP`, and keeps its score.
+    The best of those that are left is joined with all that overlap with it by more than `OVERLAP`; the result
+    has its score.
     """
     left = candidates.select(np.ones(len(candidates.scores), dtype=bool))
     boxes, points, scores = [], [], []
