@@ -53,7 +53,7 @@ def natural_order(path: Path) -> tuple[tuple[int | str, ...], ...]:
             int(piece) if index % 2 else piece.casefold()
             for index, piece in enumerate(re.split(r"(\d+)", part))
         )
-        for part in path.parts
+        for part in (*path.parent.parts, path.stem, path.suffix)
     )
 
 
