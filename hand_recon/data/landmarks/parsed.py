@@ -11,12 +11,19 @@ import torch
 from jaxtyping import Bool, Float
 
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.data.landmarks.image_paths import located_images
+from hand_recon.data.landmarks.placeholders import PLACEHOLDERS, at_placeholders, say_placeholders
+from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
+from hand_recon.data.landmarks.third_values import (
+    MEANINGS,
+    check_sigma_size,
+    clipped_scores,
+    interpret,
+)
+from hand_recon.hand.landmark_order import better_order
 from hand_recon.hand.skeleton import landmark_permutation
 
 logger = logging.getLogger(__name__)
-
-MEANINGS: Final = ("auto", "confidence", "sigma")
-"""Possible meanings of the third value of a point."""
 
 SIDES: Final = ("left", "right")
 """Names of a hand's side."""
@@ -65,18 +72,24 @@ class Assumptions:
     """
 
     third_value: str = "auto"
-    """One of `MEANINGS`; `auto` takes numbers that all lie in [0, 1] for confidences, else for σ."""
+    """One of `MEANINGS`; `auto` decides by the numbers of the whole file (decision 57)."""
     side: str | None = "right"
     """Side of hands whose side the file does not give; None refuses such a file."""
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     images: Path | None = None
     """Folder of the images, if it is not that of the file."""
+    placeholders: str = "missing"
+    """One of `PLACEHOLDERS`: `missing` takes exactly (0, 0) or (−1, −1) without a score for "not found"."""
 
     def __post_init__(self) -> None:
         if self.third_value not in MEANINGS:
             raise ValueError(
                 f"Unknown third value {self.third_value!r}; choose one of {list(MEANINGS)}."
+            )
+        if self.placeholders not in PLACEHOLDERS:
+            raise ValueError(
+                f"Unknown placeholders {self.placeholders!r}; choose one of {list(PLACEHOLDERS)}."
             )
         if self.side is not None and self.side not in SIDES:
             raise ValueError(f"Unknown side {self.side!r}; choose one of {list(SIDES)}.")
@@ -124,19 +137,17 @@ def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) ->
     hands = len(parsed.points)
     if hands == 0:
         raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
-    confidence, sigma = _interpret_third_value(path, parsed, assumed.third_value)
-    labelled = np.isfinite(parsed.points).all(axis=-1)
-    if confidence is not None:
-        # Detectors write (0, 0) with confidence 0 for what they did not find.
-        labelled &= ~(confidence == 0)
+    refuse_points_in_space(path, parsed.points, parsed.third_value)
+    labelled, confidence, sigma = _labels(path, parsed, assumed)
     _check_points(path, parsed.points, labelled)
-    confidence, sigma = _where(labelled, confidence), _where(labelled, sigma)
     _check_confidence(path, confidence)
     _check_sigma(path, sigma)
-    order = list(landmark_permutation(assumed.order, "freihand"))
     points = np.where(labelled[..., None], parsed.points, np.nan)
-    root = assumed.images or path.parent
-    images = tuple(root / image if image else None for image in parsed.images)
+    if sigma is not None:
+        check_sigma_size(path, points, sigma)
+    _warn_of_another_order(path, points, assumed.order)
+    order = list(landmark_permutation(assumed.order, "freihand"))
+    images = located_images(path, assumed.images or path.parent, parsed.images)
     named = parsed.names or (None,) * hands
     shown = parsed.images or (None,) * hands
     names = (
@@ -178,23 +189,43 @@ def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
         )
 
 
-def _interpret_third_value(
-    path: Path, parsed: ParsedHands, meaning: str
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Confidence and σ, after deciding which of the two the third value is."""
-    confidence, sigma, third_value = parsed.confidence, parsed.sigma, parsed.third_value
-    if third_value is None or np.isnan(third_value).all():
-        return confidence, sigma
-    if meaning == "auto":
-        within = bool(((third_value >= 0) & (third_value <= 1))[~np.isnan(third_value)].all())
-        meaning = "confidence" if within else "sigma"
-        range_found = "all lie in [0, 1]" if within else "do not all lie in [0, 1]"
-        logger.info(
-            "%s: the third values %s and are read as %s; set third_value=confidence or third_value=sigma if "
-            "they are something else.",
-            path, range_found, "confidences" if within else "standard deviations in pixels",
+def _labels(
+    path: Path, parsed: ParsedHands, assumed: Assumptions
+) -> tuple[Bool[np.ndarray, "hand landmark=21"], np.ndarray | None, np.ndarray | None]:
+    """Mask of the landmarks with a label, and their confidence and σ, NaN where there is none."""
+    labelled = np.isfinite(parsed.points).all(axis=-1)
+    nowhere = at_placeholders(parsed.points) & labelled
+    if assumed.placeholders == "keep":
+        nowhere[:] = False
+    confidence, sigma, third = parsed.confidence, parsed.sigma, parsed.third_value
+    if third is not None and not np.isnan(third).all():
+        seen = np.where(nowhere[..., None], np.nan, parsed.points)
+        meaning, third = interpret(path, seen, third, assumed.third_value)
+        confidence = third if meaning == "confidence" else confidence
+        sigma = third if meaning == "sigma" else sigma
+    if confidence is not None:
+        # A score above 0 at these coordinates says that the landmark was found there.
+        nowhere &= ~(confidence > 0)
+        # Detectors write (0, 0) with confidence 0 for what they did not find.
+        labelled &= ~(confidence == 0)
+    nowhere &= labelled
+    say_placeholders(path, parsed.points, nowhere)
+    labelled &= ~nowhere
+    confidence, sigma = _where(labelled, confidence), _where(labelled, sigma)
+    return labelled, None if confidence is None else clipped_scores(path, confidence), sigma
+
+
+def _warn_of_another_order(
+    path: Path, points: Float[np.ndarray, "hand landmark=21 2"], assumed: str
+) -> None:
+    """Warn where the bones are clearly shorter in another known order; nothing is reordered."""
+    order = better_order(points, assumed)
+    if order is not None:
+        logger.warning(
+            "%s: the landmarks look to be in the order of %r and not of %r: bones are shorter in that order "
+            "(decision 42). They are read as %r; if that is wrong, set order=%s (data.order in training).",
+            path, order, assumed, assumed, order,
         )  # fmt: skip
-    return (third_value, sigma) if meaning == "confidence" else (confidence, third_value)
 
 
 def _check_points(
