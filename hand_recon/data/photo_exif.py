@@ -39,7 +39,7 @@ def orientation(image: Image.Image) -> int:
     # The HEIF reader rotates by itself and keeps the number here.
     found = image.info.get("original_orientation") or _exif(image).get(ExifTags.Base.Orientation)
     number = _number(found)
-    return int(number) if number in range(1, 9) else 1
+    return int(number) if number is not None and number in range(1, 9) else 1
 
 
 def to_upright(
