@@ -1,14 +1,19 @@
-"""Prepare what is licensed, slow or doubtful: MANO, caches, labels.
+"""Prepare what is licensed, large, slow or doubtful: MANO, the hand detector, caches, labels.
 
 hand-recon prepare mano mano_v1_2.zip [folder=data/mano]
+hand-recon prepare detector [hand_landmarker.task]
 hand-recon prepare cache data=freihand data.root=/path/to/FreiHAND_pub_v2
 hand-recon prepare check data=freihand data.root=/path/to/FreiHAND_pub_v2
 """
 
 import sys
 from collections.abc import Sequence
+from typing import Final
 
 from hand_recon.command_line.hydra_verb import run_verb
+
+CONFIGURATIONS: Final = {"mano": "prepare_mano", "detector": "prepare_detector"}
+"""Tasks that are no runs and have a configuration of their own: they leave no folder behind."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -18,9 +23,9 @@ def main(words: Sequence[str] | None = None) -> None:
         words: The command line after the verb; none for this process's own.
     """
     words = list(sys.argv[1:] if words is None else words)
-    # Converting MANO is no run: it leaves no folder of its own behind.
-    mano = not {"mano", "task=mano", "--task=mano"}.isdisjoint(words)
-    run_verb("prepare", __doc__ or "", words, config_name="prepare_mano" if mano else None)
+    given = {word.removeprefix("--").removeprefix("task=") for word in words}
+    own = [name for task, name in CONFIGURATIONS.items() if task in given]
+    run_verb("prepare", __doc__ or "", words, config_name=own[0] if own else None)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Converts MANO, fills caches, and checks the labels of datasets."""
+"""Converts MANO, fetches the hand detector, fills caches, and checks the labels of datasets."""
 
 import json
 import logging
@@ -14,6 +14,8 @@ from rich.console import Console
 from hand_recon.data.annotated_dataset import AnnotatedImages
 from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.selection import evenly_spaced
+from hand_recon.detection.model_download import prepare_models
+from hand_recon.detection.models import ModelFolder
 from hand_recon.hand.mano.conversion import prepare_mano
 from hand_recon.inspection.caches import crop_maps, stale_maps
 from hand_recon.inspection.contact_sheet import contact_sheet
@@ -29,19 +31,19 @@ def prepare(config: DictConfig) -> Any:  # noqa: ANN401  # each task's own resul
     """Run the task that was named.
 
     Args:
-        config: `conf/prepare.yaml` or `conf/prepare_mano.yaml` composed.
+        config: `conf/prepare.yaml`, `conf/prepare_mano.yaml` or `conf/prepare_detector.yaml` composed.
 
     Raises:
         ValueError: There is no such task.
     """
-    tasks = {"mano": mano, "cache": cache, "check": check}
+    tasks = {"mano": mano, "detector": detector, "cache": cache, "check": check}
     name = None if OmegaConf.is_missing(config, "task") else str(config.task)
     if name not in tasks:
         raise ValueError(
             f"{'No task was given' if name is None else f'Unknown task {name!r}'}: type hand-recon prepare "
-            "with mano, cache or check."
+            "with mano, detector, cache or check."
         )
-    if name != "mano" and config.source is not None:
+    if name not in ("mano", "detector") and config.source is not None:
         raise ValueError(
             f"prepare {name} takes no file, found {config.source!r}. Name the data as options, for example "
             f"hand-recon prepare {name} data=freihand data.root=<folder>."
@@ -72,6 +74,33 @@ def mano(config: DictConfig) -> list[Path]:
     for path in written:
         console.print(f"Ready: {path}")
     console.print("Use it with hand=mano. Its licence is yours alone: pass neither file on.")
+    return written
+
+
+def detector(config: DictConfig) -> list[Path]:
+    """`prepare detector [<file>]`: put the hand detector's two models into the cache.
+
+    Args:
+        config: `conf/prepare_detector.yaml` composed.
+
+    Returns:
+        Files that were written; none if everything was there.
+
+    Raises:
+        SystemExit: The models cannot be had.
+    """
+    source = OmegaConf.to_container(config, resolve=True)["source"]  # type: ignore[index,call-overload]
+    files = source if isinstance(source, list) else [] if source is None else [source]
+    folder = ModelFolder(config.folder)
+    try:
+        written = prepare_models([Path(str(file)).expanduser() for file in files], folder)
+    except OSError as error:
+        raise SystemExit(str(error)) from error
+    console = Console(highlight=False, soft_wrap=True)
+    for path in written:
+        console.print(f"Ready: {path}")
+    if not written:
+        console.print(f"Both models are in {folder.path} already.")
     return written
 
 
