@@ -1,0 +1,208 @@
+"""Hands drawn on their photograph: mesh, landmarks, σ, verdict, and views from the side and from above."""
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from hand_recon.rendering.mesh import BLUE, from_above, from_the_side
+from hand_recon.rendering.window import PlacedMesh, shade_in_image
+from hand_recon.visualization.hand_marks import (
+    Canvas,
+    draw_given,
+    draw_label,
+    draw_skeleton,
+    draw_two_sigma,
+    free_places,
+    hand_size,
+    line_width,
+    text_strip,
+)
+
+logger = logging.getLogger(__name__)
+
+HAND_COLOURS: Final = {"right": BLUE, "left": (235.0, 160.0, 105.0)}
+"""RGB colour of the mesh by side: blue and orange, which also differ for colour-blind readers."""
+
+LARGEST_DRAWING: Final = 4096
+"""Longer side of the photograph in a drawing, pixels; larger photographs are scaled down."""
+
+_PANEL: Final = (128, 400)
+_MOST_PANELS: Final = 24
+_CAPTION: Final = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnHand:
+    """One hand in the frame of its photograph; left hands are left hands."""
+
+    vertices: Float[np.ndarray, "vertex 3"]
+    """Vertices, camera frame, metres."""
+    landmarks_2d: Float[np.ndarray, "landmark=21 2"]
+    """Projected landmarks, pixels of the photograph; pixel i covers [i, i + 1)."""
+    intrinsics: Float[np.ndarray, "3 3"]
+    """Camera matrix of the photograph, pixels."""
+    side: str
+    """"left" or "right"."""
+    label: str = ""
+    """Number or name of the hand."""
+    doubtful: bool = False
+    """True for a hand whose result should be looked at."""
+    given_2d: Float[np.ndarray, "landmark=21 2"] | None = None
+    """Landmarks that the hand was fitted to, pixels; NaN where there is none."""
+    sigma_2d: Float[np.ndarray, "landmark=21 2"] | None = None
+    """Standard deviation of each landmark along u and v, pixels."""
+    covariance: Float[np.ndarray, "landmark=21 2 2"] | None = None
+    """Covariance of each landmark, squared pixels; used in place of `sigma_2d`."""
+
+    @property
+    def title(self) -> str:
+        """Label, side and verdict in a line."""
+        words = [self.label, self.side, "doubtful" if self.doubtful else ""]
+        return ", ".join(word for word in words if word)
+
+
+@dataclass(frozen=True)
+class OverlayStyle:
+    """Choices of a drawing."""
+
+    opacity: float = 0.65
+    """Opacity of the meshes, 0 to 1; with 0 there are none."""
+    skeleton: bool = True
+    """True to draw the fitted landmarks."""
+    panels: bool = True
+    """True to draw each hand from the side and from above, beside the photograph."""
+    largest: int = LARGEST_DRAWING
+    """Longer side of the photograph in the drawing, pixels, if it is larger."""
+
+
+def draw_hands(
+    pixels: UInt8[np.ndarray, "height width 3"],
+    hands: Sequence[DrawnHand],
+    faces: Int[np.ndarray, "face 3"],
+    style: OverlayStyle | None = None,
+) -> UInt8[np.ndarray, "drawn_height drawn_width 3"]:
+    """Draw hands on a copy of their photograph, in its own resolution up to `OverlayStyle.largest`.
+
+    Meshes hide each other where one is nearer. Given landmarks are rings, fitted ones dots, ellipses are two
+    σ. To the right of the photograph is each hand from the side and from above, for the first 12 hands. Hands
+    whose vertices are not finite or all behind the camera are left out with a warning.
+
+    Args:
+        pixels: Photograph, RGB, upright.
+        hands: Hands with the same camera frame.
+        faces: Triangles of the mesh, in either winding.
+        style: Choices; without them, the defaults of `OverlayStyle`.
+    """
+    style = style or OverlayStyle()
+    canvas, scale = _canvas(pixels, style.largest)
+    drawn = [_scaled(hand, scale) for hand in hands if _can_be_drawn(hand)]
+    height, width, _ = canvas.shape
+    meshes = [
+        PlacedMesh(hand.vertices, faces, hand.intrinsics, HAND_COLOURS[hand.side]) for hand in drawn
+    ]
+    if style.opacity > 0:
+        for window in shade_in_image(meshes, width, height):
+            window.blend_into(canvas, style.opacity)
+    order = sorted(range(len(drawn)), key=lambda index: -meshes[index].distance)
+    for index in order:
+        _draw_marks(canvas, drawn[index], style)
+    taken = free_places(canvas)
+    for hand in drawn:
+        _draw_title(canvas, hand, taken)
+    return _with_panels(canvas, drawn, faces) if style.panels and drawn else canvas
+
+
+def _canvas(pixels: UInt8[np.ndarray, "_ _ 3"], largest: int) -> tuple[Canvas, float]:
+    """Copy a photograph, scaled down to a largest side, with the scale."""
+    height, width, _ = pixels.shape
+    scale = largest / max(height, width)
+    if scale >= 1:
+        return np.array(pixels, order="C"), 1.0
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    logger.info("The drawing of %d × %d pixels is scaled down to %d × %d.", width, height, *size)
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
+
+
+def _can_be_drawn(hand: DrawnHand) -> bool:
+    if not (np.isfinite(hand.vertices).all() and np.isfinite(hand.intrinsics).all()):
+        logger.warning("Hand %s is not drawn: its mesh is not known.", hand.title)
+        return False
+    if (hand.vertices[:, 2] <= 0).all():
+        logger.warning("Hand %s is not drawn: it is behind the camera.", hand.title)
+        return False
+    return True
+
+
+def _scaled(hand: DrawnHand, scale: float) -> DrawnHand:
+    """Scale the pixels of a hand."""
+    if scale == 1:
+        return hand
+    return replace(
+        hand,
+        landmarks_2d=hand.landmarks_2d * scale,
+        intrinsics=hand.intrinsics * np.array([[scale], [scale], [1.0]]),
+        given_2d=None if hand.given_2d is None else hand.given_2d * scale,
+        sigma_2d=None if hand.sigma_2d is None else hand.sigma_2d * scale,
+        covariance=None if hand.covariance is None else hand.covariance * scale**2,
+    )
+
+
+def _draw_marks(canvas: Canvas, hand: DrawnHand, style: OverlayStyle) -> None:
+    width = line_width(min(hand_size(hand.landmarks_2d), 2.0 * max(canvas.shape)))
+    covariance = hand.covariance
+    if covariance is None and hand.sigma_2d is not None:
+        covariance = np.square(hand.sigma_2d)[:, :, None] * np.eye(2)
+    if covariance is not None:
+        draw_two_sigma(canvas, hand.landmarks_2d, covariance, width)
+    if style.skeleton:
+        draw_skeleton(canvas, hand.landmarks_2d, width)
+    if hand.given_2d is not None:
+        draw_given(canvas, hand.given_2d, hand.landmarks_2d, width)
+
+
+def _draw_title(canvas: Canvas, hand: DrawnHand, taken: np.ndarray) -> None:
+    points = [hand.landmarks_2d] if hand.given_2d is None else [hand.landmarks_2d, hand.given_2d]
+    places = np.concatenate(points)
+    places = places[np.isfinite(places).all(axis=1)]
+    if len(places) and hand.title:
+        margin = 4 * line_width(hand_size(places))
+        box = np.stack([places.min(axis=0) - margin, places.max(axis=0) + margin])
+        height, width, _ = canvas.shape
+        box = box.clip(0, (width, height))
+        draw_label(canvas, hand.title, box, taken, warning=hand.doubtful)
+
+
+def _with_panels(
+    canvas: Canvas, hands: Sequence[DrawnHand], faces: Int[np.ndarray, "face 3"]
+) -> UInt8[np.ndarray, "drawn_height drawn_width 3"]:
+    """Set the views of each hand to the right of the photograph, one below the other."""
+    height, width, _ = canvas.shape
+    side = int(np.clip(height // 2, *_PANEL))
+    panels = [panel for hand in hands[: _MOST_PANELS // 2] for panel in _views(hand, faces, side)]
+    # Both views of a hand are in one column.
+    rows = max(2, height // side // 2 * 2)
+    columns = math.ceil(len(panels) / rows)
+    tall = max(height, min(rows, len(panels)) * side)
+    sheet = np.full((tall, width + columns * side, 3), 255, dtype=np.uint8)
+    sheet[:height, :width] = canvas
+    for index, panel in enumerate(panels):
+        left, top = width + index // rows * side, index % rows * side
+        sheet[top : top + side, left : left + side] = panel
+    return sheet
+
+
+def _views(hand: DrawnHand, faces: Int[np.ndarray, "face 3"], side: int) -> list[Canvas]:
+    views = []
+    for view, render in (("from the side", from_the_side), ("from above", from_above)):
+        panel = render(hand.vertices, faces, side, HAND_COLOURS[hand.side])
+        words = ", ".join(word for word in (hand.label, hand.side, view) if word)
+        strip = text_strip(words, _CAPTION)[:side, :side]
+        panel[: strip.shape[0], : strip.shape[1]] = strip
+        views.append(panel)
+    return views
