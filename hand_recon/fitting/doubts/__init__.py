@@ -1,0 +1,1 @@
+"""Checks of fitted hands that verdicts are made of (decision 59)."""
