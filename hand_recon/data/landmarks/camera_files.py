@@ -1,64 +1,93 @@
-"""Camera matrices from a file: JSON, plain text or `.npy`, one or one per hand."""
+"""Camera matrices from a file: JSON, YAML, XML, plain text or `.npy`, one or one per hand."""
 
-import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.data.landmarks.parsed import refuse
+from hand_recon.data.landmarks.camera_checks import are_shares
+from hand_recon.data.landmarks.camera_formats import (
+    CameraEntry,
+    entries_of_colmap,
+    entries_of_json,
+    entries_of_xml,
+    entries_of_yaml,
+    is_colmap,
+)
+from hand_recon.data.landmarks.refusal import refuse
 
 
-def read_intrinsics(path: Path, hands: int) -> Float[np.ndarray, "hand 3 3"]:
-    """Camera matrices, pixels of the whole image, checked.
+@dataclass(frozen=True)
+class CameraFile:
+    """Cameras of a file: one for all hands, or one for each."""
+
+    matrices: Float[np.ndarray, "camera 3 3"]
+    """Camera matrices; pixels, or shares of the image's size (`camera_checks.in_pixels`)."""
+    distortion: tuple[tuple[float, ...], ...]
+    """Coefficients of each camera; empty where there is no distortion."""
+    fisheye: tuple[bool, ...]
+    """True for coefficients of OpenCV's fisheye model."""
+    image_sizes: Float[np.ndarray, "camera 2"]
+    """Width and height of the image that each matrix is for, pixels; NaN where unknown."""
+
+
+def read_camera_file(path: Path, hands: int) -> CameraFile:
+    """Cameras with lens distortion and image size, checked.
 
     Args:
-        path: JSON with one 3×3 matrix or a list of them (FreiHAND's `training_K.json`), text with nine
-            numbers per matrix, or `.npy`.
-        hands: Number of hands; a single matrix is used for all.
+        path: JSON with one 3×3 matrix or a list of them (FreiHAND's `training_K.json`), or with further keys
+            (`hand_recon.data.landmarks.camera_formats`); YAML or XML of OpenCV, ROS or Kalibr; COLMAP's
+            `cameras.txt`; text with nine numbers per matrix; or `.npy`.
+        hands: Number of hands; a single camera is used for all.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It holds something else, or another number of matrices.
+        ValueError: It holds something else, or another number of cameras.
     """
     if not path.is_file():
         raise FileNotFoundError(
             f"No camera matrices at {path}. Leave intrinsics out if the camera is unknown."
         )
-    with path.open("rb") as stream:
-        start = stream.read(64).lstrip()
-    if start.startswith(b"\x93NUMPY"):
-        matrices = np.load(path, allow_pickle=False)
-    elif start.startswith((b"[", b"{")):
-        matrices = _from_json(path)
-    else:
-        matrices = _from_text(path)
-    checked = to_camera_matrices(path, matrices)
-    if len(checked) not in (1, hands):
+    entries = _entries(path)
+    cameras = [to_camera_matrices(path, entry.matrix) for entry in entries]
+    count = sum(map(len, cameras))
+    if count not in (1, hands):
         raise ValueError(
-            f"{path} holds {len(checked)} camera matrices for {hands} hands; expected one for all, or one "
-            "for each in the order of the landmarks."
+            f"{path} holds {count} camera matrices for {hands} hands; expected one for all, or one for "
+            "each in the order of the landmarks."
         )
-    return np.repeat(checked, hands, axis=0) if len(checked) == 1 else checked
+    each = [entry for entry, some in zip(entries, cameras, strict=True) for _ in some]
+    return CameraFile(
+        matrices=np.concatenate(cameras),
+        distortion=tuple(entry.distortion if any(entry.distortion) else () for entry in each),
+        # Fisheye cameras whose coefficients are 0 bend rays still.
+        fisheye=tuple(entry.fisheye for entry in each),
+        image_sizes=np.array([entry.size or (np.nan, np.nan) for entry in each], dtype=np.float64),
+    )
 
 
 def to_camera_matrices(path: Path, values: object) -> Float[np.ndarray, "camera 3 3"]:
     """One 3×3 matrix or a list of them, checked.
 
+    Matrices of 4×4, or of 3×4 without translation, give their first three rows and columns.
+
     Args:
         path: Their file, for messages.
-        values: Nested lists or an array.
+        values: What the file holds.
 
     Raises:
-        ValueError: They have another shape, or are not camera matrices.
+        ValueError: They are no camera matrices.
     """
     try:
         matrices = np.array(values, dtype=np.float64)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: camera matrices must be 3 × 3 numbers ({error}).") from error
-    if matrices.shape == (3, 3):
+    if matrices.shape in ((3, 3), (3, 4), (4, 4)):
         matrices = matrices[None]
+    if matrices.ndim == 3 and matrices.shape[1:] in ((3, 4), (4, 4)):
+        matrices = _without_fourth(path, matrices)
     if matrices.ndim != 3 or matrices.shape[1:] != (3, 3) or not len(matrices):
         found = " × ".join(map(str, matrices.shape))
         raise ValueError(f"{path} holds {found} numbers, expected camera matrices of 3 × 3.")
@@ -66,11 +95,22 @@ def to_camera_matrices(path: Path, values: object) -> Float[np.ndarray, "camera 
     return matrices
 
 
+def _without_fourth(
+    path: Path, matrices: Float[np.ndarray, "camera rows 4"]
+) -> Float[np.ndarray, "camera 3 3"]:
+    refuse(
+        path, np.abs(matrices[:, :3, 3]).max(axis=1) > 1e-9,
+        "projection matrices with a translation, which are a camera matrix times a pose, K [R | t]; expected "
+        "K alone, 3 × 3.",
+    )  # fmt: skip
+    return matrices[:, :3, :3]
+
+
 def _check(path: Path, matrices: Float[np.ndarray, "camera 3 3"]) -> None:
     refuse(path, ~np.isfinite(matrices).all(axis=(1, 2)), "camera matrices that are not finite.")
     focal = matrices[:, [0, 1], [0, 1]]
     refuse(
-        path, np.any(focal <= 1, axis=-1),
+        path, np.any(focal <= 1, axis=-1) & ~are_shares(matrices),
         "focal lengths of a pixel or less; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels of the "
         "whole image.",
     )  # fmt: skip
@@ -81,24 +121,32 @@ def _check(path: Path, matrices: Float[np.ndarray, "camera 3 3"]) -> None:
     )  # fmt: skip
 
 
-def _from_json(path: Path) -> object:
+def _entries(path: Path) -> list[CameraEntry]:
+    with path.open("rb") as stream:
+        start = stream.read(64).removeprefix(b"\xef\xbb\xbf").lstrip()
+    if start.startswith(b"\x93NUMPY"):
+        return [CameraEntry(_array(path))]
+    text = _text(path)
+    if start.startswith((b"[", b"{")):
+        return entries_of_json(path, text)
+    if start.startswith(b"<"):
+        return entries_of_xml(path, text)
+    if is_colmap(text):
+        return entries_of_colmap(path, text)
+    if start.startswith((b"%YAML", b"---")) or re.search(r"^\s*\w+:(\s|$)", text, re.MULTILINE):
+        return entries_of_yaml(path, text)
+    return [CameraEntry(_from_text(path, text))]
+
+
+def _array(path: Path) -> np.ndarray:
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise ValueError(f"{path} is not complete JSON ({error}).") from error
-    if not isinstance(content, dict):
-        return content
-    for key in ("K", "intrinsics"):
-        if key in content:
-            return content[key]
-    raise ValueError(
-        f"{path} is an object with the keys {sorted(content)[:10]}; expected one with `K` or `intrinsics`, "
-        "or the matrix alone."
-    )
+        return np.asarray(np.load(path, allow_pickle=False))
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path} is no complete .npy file of numbers ({error}).") from error
 
 
-def _from_text(path: Path) -> Float[np.ndarray, "camera 3 3"]:
-    words = [word for word in re.split(r"[\s,;]+", _text(path)) if word]
+def _from_text(path: Path, text: str) -> Float[np.ndarray, "camera 3 3"]:
+    words = [word for word in re.split(r"[\s,;]+", text) if word]
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError as error:

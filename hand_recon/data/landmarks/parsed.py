@@ -10,10 +10,13 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
+from hand_recon.data.landmarks.camera_checks import in_pixels
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.image_paths import located_images
+from hand_recon.data.landmarks.image_sizes import sizes_of_images
 from hand_recon.data.landmarks.placeholders import PLACEHOLDERS, at_placeholders, say_placeholders
 from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
+from hand_recon.data.landmarks.refusal import refuse
 from hand_recon.data.landmarks.third_values import (
     MEANINGS,
     check_sigma_size,
@@ -148,6 +151,9 @@ def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) ->
     _warn_of_another_order(path, points, assumed.order)
     order = list(landmark_permutation(assumed.order, "freihand"))
     images = located_images(path, assumed.images or path.parent, parsed.images)
+    intrinsics = parsed.intrinsics
+    if intrinsics is not None:
+        intrinsics = in_pixels(path, intrinsics, sizes_of_images(images, parsed.image_sizes, hands))
     named = parsed.names or (None,) * hands
     shown = parsed.images or (None,) * hands
     names = (
@@ -160,7 +166,7 @@ def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) ->
         names=tuple(names),
         sigma=None if sigma is None else torch.from_numpy(sigma[:, order]),
         confidence=None if confidence is None else torch.from_numpy(confidence[:, order]),
-        intrinsics=None if parsed.intrinsics is None else torch.from_numpy(parsed.intrinsics),
+        intrinsics=None if intrinsics is None else torch.from_numpy(intrinsics),
         images=images,
         hand_boxes=None if parsed.boxes is None else torch.from_numpy(_known_boxes(parsed.boxes)),
         occluded=None
@@ -174,19 +180,6 @@ def _known_boxes(boxes: Float[np.ndarray, "hand 4"]) -> Float[np.ndarray, "hand 
     """Boxes, with NaN for those without extent: annotators write zeros for a box that they did not draw."""
     extent = (boxes[:, 2:] - boxes[:, :2]).min(axis=-1, keepdims=True)
     return np.where(np.isfinite(boxes).all(axis=-1, keepdims=True) & (extent > 0), boxes, np.nan)
-
-
-def refuse(path: Path, wrong: Bool[np.ndarray, " hand"], what: str) -> None:
-    """Raise an error that names the first wrong hands, if there are any.
-
-    Raises:
-        ValueError: A hand is wrong.
-    """
-    if wrong.any():
-        first = ", ".join(str(hand) for hand in np.flatnonzero(wrong)[:5])
-        raise ValueError(
-            f"{path}: {int(wrong.sum())} of {len(wrong)} hands have {what} Counted from 0: {first}."
-        )
 
 
 def _labels(
