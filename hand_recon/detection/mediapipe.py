@@ -11,11 +11,11 @@ from hand_recon.detection.detector import Detections
 from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_repeated
 from hand_recon.detection.model_download import model_loader
 from hand_recon.detection.models import LANDMARKS, PALMS
-from hand_recon.detection.palms import Palm, PalmNetwork
+from hand_recon.detection.palms import Palm, PalmNetwork, best_of_overlapping
 from hand_recon.detection.thresholds import Thresholds, check_share, to_hand
 
 AUTO_PADDING: Final = 1.7
-"""Padding of the second look of `padding=auto`, in longer sides of the image (decision 55)."""
+"""The second padding of `padding=auto`, in longer sides of the image (decision 55)."""
 
 
 @dataclass
@@ -71,8 +71,8 @@ class MediaPipeDetector:
             min_presence: Least presence of a hand, 0 to 1.
             min_side: Least extent of a hand's landmarks, pixels.
             padding: Side of the square in which palms are looked for, in longer sides of the image. More than
-                1 finds hands that fill the image, and misses small ones. `auto`: 1, and a second look with
-                1.7 if no hand was found.
+                1 finds hands that fill the image, and misses small ones. `auto`: both 1 and 1.7, and the
+                better palm of those that overlap.
             threads: Number of threads of each network.
             models: Folder of the models; none for the cache's.
 
@@ -104,22 +104,24 @@ class MediaPipeDetector:
             ModuleNotFoundError: LiteRT is not installed.
             ModelsError: The models cannot be had.
         """
-        found = Detections()
-        for padding in self.paddings:
-            found = self._look(image, padding)
-            if found.hands:
-                break
-        return found
-
-    def _look(self, image: UInt8[np.ndarray, "height width 3"], padding: float) -> Detections:
         look = _Look(self.thresholds)
-        for palm in self.find_palms(image, self.min_palm_score, padding):
+        for palm in self._palms(image):
             doubt = self._doubt(palm, len(look.readings))
             if doubt is None:
                 look.add(palm, self.read_hand(image, palm.region))
             else:
                 look.dropped.append(doubt)
         return look.detections()
+
+    def _palms(self, image: UInt8[np.ndarray, "height width 3"]) -> list[Palm]:
+        """Palms of every padding, the best first; of those that overlap, the best."""
+        palms = [
+            palm
+            for padding in self.paddings
+            for palm in self.find_palms(image, self.min_palm_score, padding)
+        ]
+        # One padding's palms overlap with each other only where suppression left them.
+        return palms if len(self.paddings) == 1 else best_of_overlapping(palms)
 
     def _doubt(self, palm: Palm, found: int) -> str | None:
         """The sentence about a palm that is not looked at more closely; none if it is."""

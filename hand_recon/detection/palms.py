@@ -4,7 +4,7 @@ Constants are those of MediaPipe 0.10.21: modules/palm_detection/palm_detection_
 calculators/tflite/ssd_anchors_calculator.cc.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Final
@@ -165,6 +165,21 @@ def suppress(candidates: PalmCandidates) -> PalmCandidates:
         np.array(points).reshape(-1, 7, 2),
         np.array(scores, dtype=float),
     )
+
+
+def best_of_overlapping(palms: Iterable[Palm]) -> list[Palm]:
+    """Palms of several looks at one image without repetitions, the best first.
+
+    Of palms that overlap by more than `OVERLAP`, the best is kept as it is.
+    """
+    kept: list[Palm] = []
+    for palm in sorted(palms, key=lambda palm: -palm.score):
+        if (
+            not kept
+            or not (overlaps(palm.box, np.stack([one.box for one in kept])) > OVERLAP).any()
+        ):
+            kept.append(palm)
+    return kept
 
 
 def overlaps(
