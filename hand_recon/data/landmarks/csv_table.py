@@ -1,10 +1,13 @@
 """Hands in CSV: one row per hand, or one row per landmark.
 
 One row per hand: columns `u0, v0, …, u20, v20`, and for every landmark also `c0 …` (a third value as in
-JSON), `confidence0 …` or `sigma0 …`, if wanted. One row per landmark: `hand, landmark, u, v`, and
+JSON), `confidence0 …` or `sigma0 …`, if wanted; or columns named after landmarks, `wrist_x, wrist_y, …`
+(`hand_recon.data.landmarks.formats.named_columns`). One row per landmark: `hand, landmark, u, v`, and
 `confidence` or `sigma`, if wanted; the landmark by its number or by its name in
-`hand_recon.hand.skeleton.LANDMARKS`, landmarks without a row are missing. Either may have `side`, `name` and
-`image`. An empty cell is a missing number. Columns are separated by commas, semicolons or tabs.
+`hand_recon.hand.skeleton.LANDMARKS`, landmarks without a row are missing. With a column `image` or `frame`,
+hands are told apart in each image, so that they may be numbered from 0 in every one. Either may have `side`,
+`name` and `image`. `x` and `y` may stand for `u` and `v`. An empty cell is a missing number. Columns are
+separated by commas, semicolons or tabs.
 """
 
 import csv
@@ -14,8 +17,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from hand_recon.data.landmarks.formats.named_columns import hands_of_named_columns
+from hand_recon.data.landmarks.formats.names import landmarks_of_names
 from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 from hand_recon.hand.skeleton import LANDMARKS
 
@@ -26,6 +31,9 @@ _EXPECTED: Final = (
     "one row per landmark with columns hand, landmark, u, v (and confidence or sigma)"
 )
 
+_IMAGE_COLUMNS: Final = ("image", "frame")
+"""Columns that tell the images of hands apart."""
+
 
 def parse_csv(path: Path, text: str) -> ParsedHands:
     """The hands of a table with a header.
@@ -34,32 +42,54 @@ def parse_csv(path: Path, text: str) -> ParsedHands:
         ValueError: Columns are missing, or a cell is not what its column holds.
     """
     header, rows = _table(path, text)
+    titles, header = list(header), _with_u_and_v(header)
     if header and not rows:
         raise ValueError(f"{path} holds no hands; {_EXPECTED}.")
     if {"hand", "landmark", "u", "v"} <= header.keys():
         return _from_landmark_rows(path, header, rows)
     if "u0" in header:
         return _from_hand_rows(path, header, rows)
-    raise ValueError(f"{path} has the columns {list(header)[:12]}; {_EXPECTED}.")
+    named = hands_of_named_columns(path, header, rows)
+    if named is not None:
+        return named
+    raise ValueError(f"{path} has the columns {titles[:12]}; {_EXPECTED}.")
 
 
 def _table(path: Path, text: str) -> tuple[dict[str, int], Rows]:
     first = text.lstrip().partition("\n")[0]
     delimiter = max(",;\t", key=first.count)
     reader = csv.reader(io.StringIO(text.lstrip()), delimiter=delimiter, skipinitialspace=True)
-    titles = [title.strip().lower() for title in next(reader, [])]
+    try:
+        lines = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise ValueError(f"{path}, line {reader.line_num}: {error}; {_EXPECTED}.") from error
+    titles = [title.strip().lower() for title in lines[0][1]] if lines else []
     header = {title: column for column, title in enumerate(titles)}
     if len(header) < len(titles):
         raise ValueError(f"{path} has two columns of one name among {titles[:12]}; {_EXPECTED}.")
     rows = []
-    for row in reader:
+    for line, row in lines[1:]:
         if any(cell.strip() for cell in row):
             if len(row) != len(titles):
                 raise ValueError(
-                    f"{path}, line {reader.line_num}: {len(row)} cells for {len(titles)} columns."
+                    f"{path}, line {line}: {len(row)} cells for {len(titles)} columns."
                 )
             rows.append(row)
     return header, rows
+
+
+def _with_u_and_v(header: dict[str, int]) -> dict[str, int]:
+    """Columns with `u` and `v` in place of `x` and `y`, if there is no `u` yet."""
+    if "u" in header or "u0" in header:
+        return header
+    letters = {"x": "u", "y": "v"}
+
+    def renamed(title: str) -> str:
+        letter, number = title[:1], title[1:].lstrip("_")
+        is_coordinate = letter in letters and (not title[1:] or number.isdigit())
+        return f"{letters[letter]}{number}" if is_coordinate else title
+
+    return {renamed(title): column for title, column in header.items()}
 
 
 def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
@@ -84,7 +114,7 @@ def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHan
 
 
 def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
-    called = [row[header["hand"]].strip() for row in rows]
+    called = _hands_called(header, rows)
     hands = {name: number for number, name in enumerate(dict.fromkeys(called))}
     landmarks = _landmarks(path, [row[header["landmark"]] for row in rows])
     position = np.array([hands[name] for name in called], dtype=np.int64) * 21 + landmarks
@@ -93,7 +123,8 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
         hand, landmark = divmod(int(taken[counts > 1][0]), 21)
         raise ValueError(
             f"{path}: hand {list(hands)[hand]!r} has the landmark {LANDMARKS[landmark]!r} (number "
-            f"{landmark}) more than once; expected one row for each."
+            f"{landmark}) more than once; expected one row for each. Number the hands differently, or add a "
+            "column `image` or `frame` if they are numbered anew in each."
         )
 
     def spread(title: str) -> Float[np.ndarray, "hand landmark=21"]:
@@ -110,7 +141,23 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
         sides=_sides(path, _cells(header, one_each, "side")),
         names=_cells(header, one_each, "name") or list(hands),
         images=_cells(header, one_each, "image"),
+        title=None
+        if called == [row[header["hand"]].strip() for row in rows]
+        else "a table of landmarks whose hands are numbered anew in each image",
     )
+
+
+def _hands_called(header: dict[str, int], rows: Rows) -> list[str]:
+    """Name of the hand of each row; with its image or frame where one number occurs in several."""
+    hands = [row[header["hand"]].strip() for row in rows]
+    column = next((header[title] for title in _IMAGE_COLUMNS if title in header), None)
+    if column is None:
+        return hands
+    images = [row[column].strip() for row in rows]
+    pairs = list(zip(images, hands, strict=True))
+    if len(set(pairs)) == len(set(hands)):
+        return hands
+    return [f"{image} {hand}".strip() for image, hand in pairs]
 
 
 def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
@@ -123,11 +170,12 @@ def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
     return np.array(values, dtype=np.float64).reshape(len(cells), -1)
 
 
-def _landmarks(path: Path, cells: Sequence[str]) -> np.ndarray:
+def _landmarks(path: Path, cells: Sequence[str]) -> Int[np.ndarray, " row"]:
     """Numbers of landmarks given by number or by name."""
-    known = {str(number): number for number in range(21)}
-    known |= {name.lower(): number for number, name in enumerate(LANDMARKS)}
     keys = [cell.strip().lower() for cell in cells]
+    known = {str(number): number for number in range(21)}
+    named = landmarks_of_names(key for key in dict.fromkeys(keys) if not key.isdigit())
+    known |= {key: found.landmark for key, found in named.items()}
     for key in keys:
         if key not in known:
             raise ValueError(

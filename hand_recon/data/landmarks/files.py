@@ -3,36 +3,51 @@
 Points are pixels of the image, 21 per hand in FreiHAND's order (`hand_recon.hand.skeleton.LANDMARKS`) unless
 another is named. Pixel i covers [i, i + 1), so a detector that counts from pixel centres is half a pixel off.
 
-JSON
+JSON, or JSON lines with one hand or one frame on each line
     A list of N hands of 21 points, each `[u, v]`, `[u, v, c]` or `null` if it is missing; `c` is a
     confidence or σ in pixels, which applies to the whole file. One hand alone need not be nested. A hand that
-    was not found is `null`.
+    was not found is `null`. A list of such lists is a list of frames.
 
     A list of N objects (or one) with more fields: `landmarks` as above and, optionally, `side` (or
     `handedness`), `image`, `name`, `intrinsics` (or `K`), `confidence` and `sigma` (21 numbers each;
     σ also as 21 pairs), `box` (left, top, right, bottom) and `occluded` (21 true or false). Other keys are
-    ignored with a warning. `fit.json` is such a list.
+    ignored with a warning. The files of reconstructed hands are such lists.
 
-    COCO's keypoint format (`hand_recon.data.landmarks.coco`).
+    COCO's keypoint format (`hand_recon.data.landmarks.coco`), and the files of other tools
+    (`hand_recon.data.landmarks.formats`; docs/landmark_files.md has a table).
 
 CSV
-    One row per hand or one per landmark (`hand_recon.data.landmarks.csv_table`).
+    One row per hand or one per landmark (`hand_recon.data.landmarks.csv_table`), or DeepLabCut's.
 
-A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what they did not find.
+XML, .pose, .npy
+    CVAT's annotations; the files of pose-format; one array of hands × 21 × 2 or 3.
+
+A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what they did not find. Coordinates
+that are shares of the image's size are multiplied by it where it is known (decision 56).
 """
 
 import dataclasses
-import json
+import io
 import logging
 import os
 from pathlib import Path
+from typing import Any
 
-from hand_recon.data.landmarks.camera_files import read_intrinsics
-from hand_recon.data.landmarks.coco import is_coco, parse_coco
+import numpy as np
+
+from hand_recon.data.landmarks.cameras import with_cameras
 from hand_recon.data.landmarks.csv_table import parse_csv
+from hand_recon.data.landmarks.formats.content import to_json, to_text
+from hand_recon.data.landmarks.formats.cvat import parse_cvat
+from hand_recon.data.landmarks.formats.deeplabcut import is_deeplabcut, parse_deeplabcut
+from hand_recon.data.landmarks.formats.point_lists import is_point
+from hand_recon.data.landmarks.formats.pose_file import is_pose_file, parse_pose_file
+from hand_recon.data.landmarks.formats.registry import json_format_of
+from hand_recon.data.landmarks.formats.shares import shares_to_pixels
 from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks
-from hand_recon.data.landmarks.json_lists import LANDMARK_KEYS, parse_objects, parse_points
+from hand_recon.data.landmarks.json_lists import objects_in, parse_objects, parse_points
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
+from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
 
 logger = logging.getLogger(__name__)
 
@@ -41,28 +56,33 @@ def read_landmarks(
     path: str | Path,
     intrinsics: str | Path | None = None,
     assumed: Assumptions | None = None,
+    image_size: tuple[float, float] | None = None,
 ) -> ImageLandmarks:
     """Landmarks of N hands.
 
     Args:
-        path: JSON or CSV, see above.
+        path: JSON or CSV, or another tool's file, see above.
         intrinsics: Camera matrices of the images, one or one per hand; they override those in the file.
         assumed: Assumed values of what the file does not specify.
+        image_size: Width and height of the images in pixels, for landmarks in shares of it where neither
+            the file nor an image beside it tells the size.
 
     Raises:
         FileNotFoundError: A file is missing.
         ValueError: A file cannot be parsed, or its numbers cannot be landmarks or cameras.
     """
     path = Path(os.path.expanduser(path))
-    text = _text(path)
-    is_json = text.lstrip().startswith(("[", "{"))
-    parsed = _parse_json(path, text) if is_json else parse_csv(path, text)
-    if intrinsics is not None and len(parsed.points):
-        if parsed.intrinsics is not None:
-            logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
-        cameras = read_intrinsics(Path(os.path.expanduser(intrinsics)), len(parsed.points))
-        parsed = dataclasses.replace(parsed, intrinsics=cameras)
-    landmarks = to_image_landmarks(path, parsed, assumed or Assumptions())
+    assumed = assumed or Assumptions()
+    try:
+        parsed = parse_file(path)
+    except RecursionError as error:
+        raise ValueError(f"{path} is nested too deeply to be a file of landmarks.") from error
+    if len(parsed.points):
+        refuse_points_in_space(path, parsed.points, parsed.third_value)
+        parsed = shares_to_pixels(path, parsed, assumed.images or path.parent, image_size)
+    landmarks = to_image_landmarks(path, parsed, _order_of_file(path, parsed, assumed))
+    landmarks = _with_cameras(path, landmarks, intrinsics)
+    _tell(path, parsed, landmarks)
     poor = [name for name, good in zip(landmarks.names, landmarks.usable, strict=True) if not good]
     if poor:
         logger.warning(
@@ -72,36 +92,105 @@ def read_landmarks(
     return landmarks
 
 
-def _text(path: Path) -> str:
+def parse_file(path: Path) -> ParsedHands:
+    """Unchecked contents of a landmark file of any known format.
+
+    Args:
+        path: The file; its ending is of no account.
+
+    Raises:
+        FileNotFoundError: It is missing.
+        ValueError: It is of no known format, or not what its format has.
+    """
     if not path.is_file():
         raise FileNotFoundError(
             f"No landmarks at {path}. Give a JSON list of hands of 21 points [u, v], COCO keypoints or CSV."
         )
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not text ({error}); expected JSON or CSV.") from error
+    content = path.read_bytes()
+    if is_pose_file(content):
+        return parse_pose_file(path, content)
+    if content.startswith(b"\x93NUMPY"):
+        return _parse_array(path, content)
+    text = to_text(path, content)
+    start = text.lstrip()
+    if start.startswith(("[", "{")):
+        return _parse_json(path, text)
+    if start.startswith("<"):
+        return parse_cvat(path, text)
+    return parse_deeplabcut(path, text) if is_deeplabcut(text) else parse_csv(path, text)
 
 
 def _parse_json(path: Path, text: str) -> ParsedHands:
+    content, lines = to_json(path, text)
     try:
-        content = json.loads(text)
+        return _parse_content(path, content)
     except ValueError as error:
-        raise ValueError(
-            f"{path} is not complete JSON ({error}). It may be cut off, or be JSON lines: put all hands into "
-            "one list."
-        ) from error
-    if is_coco(content):
-        return parse_coco(path, content)
+        if not lines:
+            raise
+        raise ValueError(f"{error} The file was read as JSON lines.") from error
+
+
+def _parse_content(path: Path, content: Any) -> ParsedHands:  # noqa: ANN401  # any JSON
+    form = json_format_of(content)
+    if form is not None:
+        return form.parse(path, content)
     if isinstance(content, dict):
-        if not any(key in content for key in LANDMARK_KEYS):
-            raise ValueError(
-                f"{path} is an object with the keys {sorted(content)[:10]}; expected a list of hands, an "
-                "object with `landmarks`, or COCO's with `annotations`."
-            )
-        content = [content]
-    if not content:
+        content = (
+            content["hands"]
+            if isinstance(content.get("hands"), list)
+            else objects_in(path, content)
+        )
+    if not isinstance(content, list) or not content:
         raise ValueError(f"{path} holds no hands; expected one or more, of 21 points each.")
-    if any(isinstance(entry, dict) for entry in content):
+    if any(isinstance(entry, dict) and not is_point(entry) for entry in content):
         return parse_objects(path, content)
     return parse_points(path, content)
+
+
+def _parse_array(path: Path, content: bytes) -> ParsedHands:
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise ValueError(f"{path} is not a whole .npy file ({error}). Write it again.") from error
+    shape = array.shape[-2:] if array.ndim in {2, 3} else ()
+    if array.dtype.kind not in "fiu" or shape not in {(21, 2), (21, 3)}:
+        found = " × ".join(map(str, array.shape))
+        raise ValueError(
+            f"{path} holds {found} values of type {array.dtype}; expected numbers, hands × 21 × 2 or 3."
+        )
+    numbers = array.reshape(-1, *shape).astype(np.float64)
+    third = numbers[..., 2] if shape[1] == 3 else None
+    return ParsedHands(points=numbers[..., :2], third_value=third)
+
+
+def _with_cameras(
+    path: Path, landmarks: ImageLandmarks, intrinsics: str | Path | None
+) -> ImageLandmarks:
+    """The landmarks with the cameras of a file of their own, if one is given."""
+    if intrinsics is None:
+        return landmarks
+    if landmarks.intrinsics is not None:
+        logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
+    return with_cameras(landmarks, Path(os.path.expanduser(intrinsics)))
+
+
+def _order_of_file(path: Path, parsed: ParsedHands, assumed: Assumptions) -> Assumptions:
+    """The assumptions, with the order that the file's names have told instead of the assumed one."""
+    if not parsed.in_freihand_order:
+        return assumed
+    if assumed.order != "freihand":
+        logger.warning("%s names its landmarks; order=%s is not used for it.", path, assumed.order)
+    return dataclasses.replace(assumed, order="freihand")
+
+
+def _tell(path: Path, parsed: ParsedHands, landmarks: ImageLandmarks) -> None:
+    """Log what a file of another tool was read as, and how many hands of it."""
+    if parsed.title is None:
+        return
+    left = int(landmarks.left.sum())
+    counts = [(left, "left"), (len(landmarks) - left, "right")]
+    hands = " and ".join(f"{count} {side}" for count, side in counts if count)
+    last = counts[1][0] or counts[0][0]
+    noun, verb = "hand" if last == 1 else "hands", "is" if len(landmarks) == 1 else "are"
+    left_out = f"; left out: {', '.join(parsed.left_out)}" if parsed.left_out else ""
+    logger.info("%s: %s; %s %s %s read%s.", path, parsed.title, hands, noun, verb, left_out)

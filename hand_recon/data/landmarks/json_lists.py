@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,7 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hand_recon.data.landmarks.camera_files import to_camera_matrices
-from hand_recon.data.landmarks.parsed import ParsedHands, read_side
+from hand_recon.data.landmarks.formats.found import counts_in_words
+from hand_recon.data.landmarks.formats.names import landmarks_of_names
+from hand_recon.data.landmarks.formats.point_lists import (
+    PointHand,
+    PointLists,
+    hands_in,
+)
+from hand_recon.data.landmarks.parsed import SIDES, ParsedHands, read_side
 
 logger = logging.getLogger(__name__)
 
@@ -22,44 +30,121 @@ SIDE_KEYS: Final = ("side", "handedness")
 CAMERA_KEYS: Final = ("intrinsics", "K")
 """Keys of an object's camera matrix."""
 
+SIGMA_KEYS: Final = ("sigma_2d", "sigma")
+"""Keys of an object's standard deviations."""
+
 KNOWN_KEYS: Final = (
-    *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, "image", "name", "confidence", "sigma", "box", "occluded",
+    *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, *SIGMA_KEYS, "image", "name", "confidence", "box", "occluded",
 )  # fmt: skip
 """All keys of an object that are read."""
 
+RESULT_KEYS: Final = frozenset({"landmarks_3d", "joint_angles_degrees", "loss"})
+"""Keys that tell a file of reconstructed hands (`hand_recon.fitting.hands_file`)."""
+
+_GIVEN: Final = frozenset({"given", "EXIF"})
+"""Sources of a reconstructed hand's camera that are measured rather than assumed."""
+
+
+def objects_in(path: Path, content: dict[str, Any]) -> list[Any]:
+    """The hands of an object: itself, or its values, which its keys name by image or by side.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if any(key in content for key in LANDMARK_KEYS) or len(landmarks_of_names(content)) > 9:
+        return [content]
+    entries = []
+    for key, value in (content or {"": None}).items():
+        hands = hands_in(value) if isinstance(value, list) and value else []
+        if not hands or any(not isinstance(hand.points, list | None) for hand in hands):
+            raise ValueError(
+                f"{path} is an object with the keys {sorted(content)[:10]}; expected a list of hands, an "
+                "object with `landmarks`, or COCO's with `annotations`."
+            )
+        is_side = key.strip().lower() in SIDES
+        about = {"side": key} if is_side else {"image" if Path(key).suffix else "name": key}
+        entries += [{"landmarks": hand.points, **about} for hand in hands]
+    return entries
+
 
 def parse_points(path: Path, content: list[Any]) -> ParsedHands:
-    """A list of hands of 21 points each, or a single hand.
+    """A list of hands of 21 points each, a list of such lists for frames, or a single hand.
 
     Raises:
         ValueError: A hand does not have 21 points, or a point is something else.
     """
-    hands = [content] if _is_one_hand(content) else content
-    numbers = _to_array(path, hands)
-    return ParsedHands(points=numbers[..., :2], third_value=numbers[..., 2])
+    lists = PointLists(path)
+    found = hands_in(content)
+    hands = lists.split(found)
+    numbers = lists.to_array(hands)
+    names = [hand.name for hand in hands]
+    frames = " for each frame" if any(hand.name for hand in found) else ""
+    return ParsedHands(
+        points=numbers[..., :2],
+        third_value=numbers[..., 2],
+        sides=[hand.side for hand in hands] if any(hand.side for hand in hands) else (),
+        names=names if any(names) else (),
+        title=_title(lists, "lists of hands" + frames) if frames or lists.converted else None,
+    )
 
 
 def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
-    """A list of objects, each with `landmarks` and any of `KNOWN_KEYS`.
+    """A list of objects, each with `landmarks` and any of `KNOWN_KEYS`; or with points by their names.
 
     Raises:
         ValueError: Something is not an object, has no landmarks, or a camera while others have none.
     """
+    content = [inner for entry in content for inner in _with_landmarks(entry)]
     for position, entry in enumerate(content):
         if not isinstance(entry, dict) or not any(key in entry for key in LANDMARK_KEYS):
             raise ValueError(
                 f"{path}: entry {position} is not an object with `landmarks`; expected every entry to be "
                 "one, or every entry to be a list of 21 points."
             )
+    if all(RESULT_KEYS & entry.keys() for entry in content):
+        return _parse_results(path, content)
     unknown = sorted({key for entry in content for key in entry} - set(KNOWN_KEYS))
     if unknown:
         logger.warning("%s: %s are not read; known are %s.", path, unknown, list(KNOWN_KEYS))
-    numbers = _to_array(path, [_first(entry, LANDMARK_KEYS) for entry in content])
+    return _parse(path, content)
+
+
+def _parse_results(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
+    """Reconstructed hands: their projections, and their cameras where all of them were given."""
+    cameras = [_camera_of_result(entry) for entry in content if _first(entry, LANDMARK_KEYS)]
+    known = bool(cameras) and all(camera is not None for camera in cameras)
+    spare = next((camera for camera in cameras if camera is not None), None)
+    entries = [
+        {**entry, "intrinsics": (_camera_of_result(entry) or spare) if known else None}
+        for entry in content
+    ]
+    return replace(_parse(path, entries), title="projections of reconstructed hands")
+
+
+def _camera_of_result(entry: dict[str, Any]) -> object:
+    """The camera matrix of a reconstructed hand; None if it was assumed."""
+    camera = entry.get("camera")
+    if not isinstance(camera, dict):
+        return None
+    measured = camera.get("known") is True or str(camera.get("source")) in _GIVEN
+    return camera.get("intrinsics") if measured else None
+
+
+def _parse(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
+    lists = PointLists(path)
+    points = [PointHand(_first(entry, LANDMARK_KEYS)) for entry in content]
+    hands = lists.split(points)
+    if len(hands) != len(points) or any(hand.side for hand in hands):
+        raise ValueError(
+            f"{path}: an object has the keypoints of a whole body, expected the 21 of one hand; of 133, 91 "
+            "to 111 are the left hand and 112 to 132 the right one, of 136, 94 to 114 and 115 to 135."
+        )
+    numbers = lists.to_array(hands)
     return ParsedHands(
         points=numbers[..., :2],
         third_value=numbers[..., 2],
-        confidence=_values(path, content, "confidence"),
-        sigma=_values(path, content, "sigma"),
+        confidence=_values(path, content, ("confidence",)),
+        sigma=_values(path, content, SIGMA_KEYS),
         intrinsics=_cameras(path, content),
         sides=[
             read_side(f"{path}: hand {position}", _first(entry, SIDE_KEYS))
@@ -69,79 +154,51 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
         images=[_text(entry.get("image")) for entry in content],
         boxes=_boxes(path, content),
         occluded=_occluded(path, content),
+        title=_title(lists, "objects with landmarks") if lists.converted else None,
     )
 
 
-def _is_one_hand(content: list[Any]) -> bool:
-    """True if the entries are points: two or three numbers each, and not all of them missing."""
-    points = [entry for entry in content if entry is not None]
-    return bool(points) and all(
-        isinstance(point, list)
-        and len(point) in (2, 3)
-        and all(number is None or isinstance(number, int | float) for number in point)
-        for point in points
-    )
+def _with_landmarks(entry: object) -> list[Any]:
+    """An object whose keys name landmarks, as one object with `landmarks` for each side among the names."""
+    if not isinstance(entry, dict) or any(key in entry for key in LANDMARK_KEYS):
+        return [entry]
+    known = landmarks_of_names(entry)
+    if len(known) < 10:
+        return [entry]
+    others = {key: value for key, value in entry.items() if key not in known}
+    return [
+        {
+            **others,
+            **({"side": side} if side else {}),
+            "landmarks": {name: entry[name] for name in known if known[name].side == side},
+        }
+        for side in sorted({found.side for found in known.values()}, key=str)
+    ]
 
 
-def _to_array(path: Path, hands: list[Any]) -> Float[np.ndarray, "hand landmark=21 3"]:
-    """All points with their third value, NaN where something is missing."""
-    try:
-        array = np.array(hands, dtype=np.float64)
-    except (ValueError, TypeError):
-        array = np.empty(0)
-    if array.ndim == 3 and array.shape[1] == 21 and array.shape[2] in (2, 3):
-        missing = np.full((len(array), 21, 3 - array.shape[2]), np.nan)
-        return np.concatenate([array, missing], axis=-1)
-    # A missing landmark, or a third value that some lack, makes the list ragged.
-    rows = [row for position, hand in enumerate(hands) for row in _rows(path, position, hand)]
-    try:
-        return np.array(rows, dtype=np.float64).reshape(len(hands), 21, 3)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path}: a coordinate is not a number ({error}).") from error
-
-
-def _rows(path: Path, position: int, hand: object) -> list[list[Any]]:
-    """One hand's points as three entries each; `null` is a hand that was not found."""
-    if hand is None:
-        return [[None] * 3] * 21
-    if not isinstance(hand, list) or len(hand) != 21:
-        found = f"{len(hand)} points" if isinstance(hand, list) else f"{hand!r:.40}"
-        raise ValueError(
-            f"{path}: hand {position} (counted from 0) has {found}, expected 21 in FreiHAND's order; write "
-            "null for a landmark that is missing."
-        )
-    rows = []
-    for landmark, point in enumerate(hand):
-        if point is None:
-            rows.append([None] * 3)
-        elif isinstance(point, list) and len(point) in (2, 3):
-            rows.append(point if len(point) == 3 else [*point, None])
-        else:
-            raise ValueError(
-                f"{path}: landmark {landmark} of hand {position} is {point!r:.60}, expected [u, v], "
-                "[u, v, confidence or sigma] or null."
-            )
-    return rows
+def _title(lists: PointLists, kind: str) -> str:
+    return ", ".join([kind, *counts_in_words(lists.converted)])
 
 
 def _values(
-    path: Path, content: list[Any], key: str
+    path: Path, content: list[Any], keys: tuple[str, ...]
 ) -> Float[np.ndarray, "hand landmark=21"] | None:
     """One number per landmark, for hands that have them; of a pair, one per coordinate, the RMS."""
-    if not any(entry.get(key) is not None for entry in content):
+    given = [_first(entry, keys) for entry in content]
+    if all(values is None for values in given):
         return None
     try:
         rows = [
             [
                 math.hypot(*value) / math.sqrt(2) if isinstance(value, list) else value
-                for value in entry.get(key) or [None] * 21
+                for value in values or [None] * 21
             ]
-            for entry in content
+            for values in given
         ]
         return np.array(rows, dtype=np.float64).reshape(len(content), 21)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
-            f"{path}: `{key}` must be a list of 21 numbers (or null) for each hand that has it."
+            f"{path}: `{keys[-1]}` must be a list of 21 numbers (or null) for each hand that has it."
         ) from error
 
 
@@ -152,7 +209,7 @@ def _boxes(path: Path, content: list[Any]) -> Float[np.ndarray, "hand 4"] | None
     try:
         rows = [entry.get("box") or [None] * 4 for entry in content]
         return np.array(rows, dtype=np.float64).reshape(len(content), 4)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{path}: `box` must be left, top, right and bottom in pixels for each hand that has it."
         ) from error
@@ -166,7 +223,7 @@ def _occluded(path: Path, content: list[Any]) -> Bool[np.ndarray, "hand landmark
     try:
         rows = np.array([entry.get("occluded") or [False] * 21 for entry in content], dtype=bool)
         rows = rows.reshape(len(content), 21)
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise ValueError(
             f"{path}: `occluded` must be a list of 21 true or false for each hand that has it."
         ) from error

@@ -1,0 +1,1 @@
+"""Landmark files as detectors and annotation tools write them; one module for each tool."""
