@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from hand_recon.data.landmarks.camera_checks import in_pixels, warn_of_cameras
 from hand_recon.data.landmarks.camera_files import CameraFile, read_camera_file
 from hand_recon.data.landmarks.distortion import undistorted
+from hand_recon.data.landmarks.image_bounds import warn_of_hands_outside
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.image_sizes import sizes_of_images
 
@@ -49,7 +50,8 @@ def with_cameras(landmarks: ImageLandmarks, path: Path) -> ImageLandmarks:
     labelled = landmarks.labelled.numpy()
     shown = np.where(np.isnan(sizes), calibrated, sizes)
     warn_of_cameras(path, matrices, points, shown)
-    _warn_of_points_outside(path, points, shown)
+    # Where the landmarks' own image is known, it was compared when they were read.
+    warn_of_hands_outside(path, points, np.where(np.isnan(sizes), calibrated, np.nan))
     _undistort(path, (points, labelled), matrices, (file, which))
     return replace(
         landmarks,
@@ -89,22 +91,6 @@ def _of_image_size(
     return scaled
 
 
-def _warn_of_points_outside(
-    path: Path, points: Float[np.ndarray, "hand landmark=21 2"], sizes: Float[np.ndarray, "hand 2"]
-) -> None:
-    """Warn of hands whose landmarks are mostly outside the image of the camera."""
-    there = np.isfinite(points).all(axis=-1)
-    beyond = there & ((points < 0) | (points > sizes[:, None])).any(axis=-1)
-    outside = 2 * beyond.sum(axis=1) > np.maximum(there.sum(axis=1), 1)
-    if outside.any():
-        hand = int(np.flatnonzero(outside)[0])
-        logger.warning(
-            "%s: %d of %d hands are outside of the image of %g × %g pixels that the camera matrix is for. "
-            "Are the landmarks in pixels of another size?",
-            path, int(outside.sum()), len(outside), *sizes[hand],
-        )  # fmt: skip
-
-
 def _undistort(
     path: Path,
     labels: tuple[Float[np.ndarray, "hand landmark=21 2"], Bool[np.ndarray, "hand landmark=21"]],
@@ -128,7 +114,7 @@ def _undistort(
         moved = np.concatenate(distances)
         logger.warning(
             "%s: the camera has lens distortion, which is removed from %d landmarks (%.3g pixels in the "
-            "mean, %.3g at most). The results are in pixels of the undistorted image, as of cv2.undistort with the "
-            "same matrix, so that drawings on the original image are off by as much.",
+            "mean, %.3g at most). The results are in pixels of the undistorted image, as of cv2.undistort "
+            "with the same matrix, so that drawings on the original image are off by as much.",
             path, len(moved), moved.mean(), moved.max(),
         )  # fmt: skip

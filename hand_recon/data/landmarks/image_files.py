@@ -18,6 +18,9 @@ from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.cache import digest, file_identity
 from hand_recon.data.images import read_image
 from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks, boxes
+from hand_recon.data.landmarks.image_orientation import to_upright
+from hand_recon.data.landmarks.image_paths import searched_places
+from hand_recon.data.landmarks.image_sizes import stored_size
 
 logger = logging.getLogger(__name__)
 
@@ -40,9 +43,11 @@ def annotate(landmarks: ImageLandmarks, root: Path, around: str, min_side: float
 
     Raises:
         FileNotFoundError: None of the images is there.
-        ValueError: A hand has no image, no hand is left, or most landmarks lie outside their images.
+        ValueError: A hand has no image, no hand is left, most landmarks lie outside their images, or most
+            images have another size than their file says.
     """
     images = _images(landmarks, root)
+    landmarks = to_upright(landmarks, root)
     frames = hand_frames(landmarks, around)
     kept = _usable_for_training(landmarks, frames, min_side, root).numpy()
     chosen = landmarks.select(torch.from_numpy(kept))
@@ -111,8 +116,9 @@ def _images(landmarks: ImageLandmarks, root: Path) -> list[Path]:
     missing = sorted(image for image in distinct if not image.is_file())
     if len(missing) == len(distinct):
         raise FileNotFoundError(
-            f"None of {len(distinct)} images is there; the first would be {missing[0]}. Name their folder "
-            "with data.images."
+            f"None of {len(distinct)} images is there; the first was looked for at "
+            f"{', '.join(_searched(missing[0], root))}. Name their folder with data.images, or correct the "
+            "names in the file."
         )
     if missing:
         logger.warning(
@@ -120,6 +126,12 @@ def _images(landmarks: ImageLandmarks, root: Path) -> list[Path]:
             len(missing), len(distinct), missing[0],
         )  # fmt: skip
     return images
+
+
+def _searched(image: Path, root: Path) -> list[str]:
+    """Places at which a missing image was looked for."""
+    written = str(image.relative_to(root)) if image.is_relative_to(root) else str(image)
+    return searched_places(root, written)
 
 
 def _usable_for_training(
@@ -159,7 +171,7 @@ def _check_size(table: AnnotatedHands) -> None:
     Raises:
         ValueError: More than half of the checked hands lie outside.
     """
-    seen, outside = 0, 0
+    seen, outside, lying = 0, 0, 0
     for row in np.unique(np.linspace(0, len(table) - 1, CHECKED_IMAGES).round().astype(int)):
         image = read_image(table.images[row])
         if image is None or table.boxes is None:
@@ -167,9 +179,19 @@ def _check_size(table: AnnotatedHands) -> None:
         middle = table.boxes[row].reshape(2, 2).mean(axis=0)
         size = np.array(image.shape[1::-1])
         seen += 1
-        outside += bool(((middle < 0) | (middle > size)).any())
-    if outside > seen / 2:
+        if ((middle < 0) | (middle > size)).any():
+            outside += 1
+            stored = stored_size(table.images[row])
+            rotated = stored is not None and stored[2] >= 5
+            lying += bool(rotated and ((middle >= 0) & (middle <= size[::-1])).all())
+    if outside > seen / 2 or (lying and lying == outside):
+        cause = (
+            "They lie inside the images as these are stored, before EXIF's orientation rotates them: rotate "
+            "the labels, or save the images upright and without EXIF's orientation, or give `width` and "
+            "`height` of the stored images in the file."
+            if lying == outside
+            else "Landmarks must be in pixels of the images as they are on the disk, not of resized ones."
+        )
         raise ValueError(
-            f"{table.root}: {outside} of {seen} hands that were checked lie outside their images. "
-            "Landmarks must be in pixels of the images as they are on the disk, not of resized ones."
+            f"{table.root}: {outside} of {seen} hands that were checked lie outside their images. {cause}"
         )

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 
 from hand_recon.data.landmarks.camera_checks import in_pixels
+from hand_recon.data.landmarks.image_bounds import known_sizes, warn_of_hands_outside
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.image_paths import located_images
 from hand_recon.data.landmarks.image_sizes import sizes_of_images
@@ -23,10 +24,13 @@ from hand_recon.data.landmarks.third_values import (
     clipped_scores,
     interpret,
 )
-from hand_recon.hand.landmark_order import better_order
+from hand_recon.hand.landmark_order import better_order, bone_sums
 from hand_recon.hand.skeleton import landmark_permutation
 
 logger = logging.getLogger(__name__)
+
+LONGEST_BONES: Final = 6.0
+"""Largest median sum of bone lengths over hand size of real hands (3.8, and 8 for random points)."""
 
 SIDES: Final = ("left", "right")
 """Names of a hand's side."""
@@ -151,6 +155,8 @@ def to_image_landmarks(path: Path, parsed: ParsedHands, assumed: Assumptions) ->
     _warn_of_another_order(path, points, assumed.order)
     order = list(landmark_permutation(assumed.order, "freihand"))
     images = located_images(path, assumed.images or path.parent, parsed.images)
+    sizes = known_sizes(images, parsed.image_sizes, hands)
+    warn_of_hands_outside(path, points, sizes)
     intrinsics = parsed.intrinsics
     if intrinsics is not None:
         intrinsics = in_pixels(path, intrinsics, sizes_of_images(images, parsed.image_sizes, hands))
@@ -213,7 +219,8 @@ def _warn_of_another_order(
 ) -> None:
     """Warn where the bones are clearly shorter in another known order; nothing is reordered."""
     order = better_order(points, assumed)
-    if order is not None:
+    # Points that are no hand have long bones in every order.
+    if order is not None and float(np.median(bone_sums(points)[order])) < LONGEST_BONES:
         logger.warning(
             "%s: the landmarks look to be in the order of %r and not of %r: bones are shorter in that order "
             "(decision 42). They are read as %r; if that is wrong, set order=%s (data.order in training).",

@@ -46,7 +46,9 @@ class LandmarkRecipe:
     order: str = "freihand"
     """Order of the landmarks, a key of `hand_recon.hand.skeleton.LANDMARK_ORDERS`."""
     third_value: str = "auto"
-    """Meaning of a third value that a file does not name: `auto`, `confidence` or `sigma`."""
+    """Meaning of a third value that a file does not name: `auto`, `confidence`, `sigma` or `ignore`."""
+    placeholders: str = "missing"
+    """Treatment of exactly (0, 0) or (−1, −1) without a score: `missing` or `keep`."""
     min_side: float = 24.0
     """Smallest side of a hand's box, pixels of the image; smaller hands are left out."""
     val_fraction: float = 0.1
@@ -74,7 +76,7 @@ class LandmarkRecipe:
     def assumed(self) -> Assumptions:
         """Assumed values of what a file does not specify."""
         images = None if self.images is None else Path(self.images).expanduser().absolute()
-        return Assumptions(self.third_value, self.side, self.order, images)
+        return Assumptions(self.third_value, self.side, self.order, images, self.placeholders)
 
     def source(self, split: str) -> Path | None:
         """Path of a split's landmarks; None if the split is a share of the training images."""
