@@ -2,6 +2,7 @@
 
 Names for use in other programs, imported when they are first used:
 
+    hands = hand_recon.reconstruct("photo.jpg")                  # a photograph in, 3D hands out
     hands = hand_recon.fit_landmarks(points, side="left")       # 2D landmarks in, 3D hands out
     prior = hand_recon.Prior.default(hand_recon.open_hand())    # Eq. 5 in a training loop of your own
 """
@@ -24,12 +25,13 @@ if TYPE_CHECKING:
     from hand_recon.knowledge.range_of_motion import range_of_motion_loss
     from hand_recon.knowledge.ranges import load_ranges
     from hand_recon.runs.fit_landmarks import fit_landmarks
+    from hand_recon.runs.reconstruct import reconstruct
     from hand_recon.schema import HandParameters
 
 __version__ = "0.2.0"
 
 __all__ = [  # noqa: RUF022  # by what people do
-    "fit_landmarks", "read_landmarks", "read_hands",
+    "reconstruct", "fit_landmarks", "read_landmarks", "read_hands",
     "open_hand", "HandParameters",
     "Prior", "range_of_motion_loss", "load_ranges", "FunctionalAnatomy", "NonPenetration",
     "HandMetrics", "HandPoints", "Landmarks2D", "Plausibility", "Calibration",
@@ -51,6 +53,7 @@ _MODULES: Final = {
     "range_of_motion_loss": "knowledge.range_of_motion",
     "read_hands": "fitting.hands_file",
     "read_landmarks": "data.landmarks.files",
+    "reconstruct": "runs.reconstruct",
 }
 """Module of each public name: importing the package alone must not import torch."""
 

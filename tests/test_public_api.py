@@ -53,13 +53,15 @@ def test_landmarks_in_hands_out(tmp_path: Path) -> None:
     palm = np.linalg.norm(hands.landmarks_3d[:, 9] - hands.landmarks_3d[:, 0], axis=-1)
     assert ((palm > 0.06) & (palm < 0.13)).all()
     assert np.nanmean(np.linalg.norm(hands.landmarks_2d - points, axis=-1)) < 8
-    sheet = cv2.imread(str(hands.draw(tmp_path / "hands.png")))
+    drawing = hands.draw(tmp_path / "hands.png")
+    sheet = cv2.imread(str(tmp_path / "hands.png"))
     assert sheet is not None
+    np.testing.assert_array_equal(sheet[..., ::-1], drawing)
     assert sheet.std() > 10
     with pytest.raises(FileExistsError, match="nothing is overwritten"):
         hands.draw(tmp_path / "hands.png")
     folder = hands.save(tmp_path / "out")
-    read = hand_recon.read_hands(folder / "fit.json")
+    read = hand_recon.read_hands(folder / "hands.json")
     assert read.sides == tuple(sides)
     np.testing.assert_allclose(read.landmarks_3d, hands.landmarks_3d, atol=1e-6)
 
@@ -74,7 +76,7 @@ def test_the_function_and_the_command_agree(tmp_path: Path) -> None:
     (tmp_path / "hands.json").write_text(json.dumps(entries))
     command = [sys.executable, "-m", "hand_recon", "fit", "hands.json", "--output", "out", *QUICK]
     subprocess.run(command, cwd=tmp_path, check=True)  # noqa: S603  # our own words
-    read = hand_recon.read_hands(tmp_path / "out" / "fit.json")
+    read = hand_recon.read_hands(tmp_path / "out" / "hands.json")
     np.testing.assert_allclose(read.landmarks_3d, hands.landmarks_3d, atol=1e-6)
 
 

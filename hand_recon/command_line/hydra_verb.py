@@ -5,9 +5,11 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon.command_line.composing import composed
@@ -16,6 +18,8 @@ from hand_recon.command_line.processor import share_processor
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
+
+_WHERE: Final = "(HYDRA_FULL_ERROR=1 in the environment shows the place in the code.)"
 
 
 def run_verb(
@@ -75,9 +79,22 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
     def task(config: DictConfig) -> Any:  # noqa: ANN401  # whatever the verb returns
         # Again, for the processes of a sweep.
         register_resolvers()
-        return getattr(importlib.import_module(module), function)(config)
+        try:
+            return getattr(importlib.import_module(module), function)(config)
+        except (ValueError, OSError, ModuleNotFoundError) as error:
+            # In a sweep Hydra says which run failed.
+            if HydraConfig.get().mode == RunMode.MULTIRUN or _wants_traceback(error):
+                raise
+            sys.stderr.write(f"error: {error}\n{_WHERE}\n")
+            raise SystemExit(1) from error
 
     return task
+
+
+def _wants_traceback(error: Exception) -> bool:
+    """True for an error that the user asked to see whole, or that is a fault of this program."""
+    own = isinstance(error, ModuleNotFoundError) and (error.name or "").startswith("hand_recon")
+    return own or "HYDRA_FULL_ERROR" in os.environ
 
 
 def _check_nested(config_name: str, overrides: Sequence[str]) -> None:

@@ -20,11 +20,14 @@ class Verb:
     """Configuration keys that words without a key are given to, in order."""
     paths: tuple[str, ...] = ()
     """Further keys whose values are paths: quoted for Hydra, `~` expanded."""
+    many: str | None = None
+    """Configuration key of a list that takes all words without a key, in place of `positional`."""
 
     @property
     def path_keys(self) -> frozenset[str]:
         """All keys whose values are paths."""
-        return frozenset({*self.positional, *self.paths, *COMMON_PATHS})
+        many = () if self.many is None else (self.many,)
+        return frozenset({*self.positional, *self.paths, *COMMON_PATHS, *many})
 
 
 COMMON_PATHS: Final = (
@@ -49,6 +52,11 @@ DATA: Final = "Prepare"
 VERBS: Final = {
     verb.name: verb
     for verb in (
+        Verb(
+            "predict", HANDS, "photographs in, 3D hands out; no training",
+            "hand_recon.runs.predict_run:predict", (),
+            ("output", "camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path"), "input",
+        ),
         Verb(
             "fit", HANDS, "2D landmarks of any detector in, 3D hands out; no training",
             "hand_recon.runs.fit_run:fit", ("landmarks",),

@@ -11,7 +11,7 @@ from typing import Final
 
 from hand_recon.command_line.verbs import Verb
 
-LISTS: Final = frozenset({"runs"})
+LISTS: Final = frozenset({"runs", "input"})
 """Path keys that also take a list, `[a,b]`."""
 
 HYDRA_FLAGS: Final = frozenset(
@@ -96,6 +96,7 @@ class _Translation:
     def __init__(self, verb: Verb, known: _Known) -> None:
         self.verb, self.known, self.names = verb, known, known.names
         self.positional = list(verb.positional)
+        self.collected: list[str] = []
         self.multirun = False
         self.given: set[str] = set()
 
@@ -112,6 +113,9 @@ class _Translation:
         while words:
             word = words.pop(0)
             (flags if _is_flag(word) else found).extend(self._next(word, words))
+        if self.collected:
+            values = ",".join(quoted(expanded(word)) for word in self.collected)
+            found.append(f"{self.verb.many}=[{values}]")
         # Hydra reads no override after a flag that follows another override.
         return flags + found
 
@@ -124,11 +128,11 @@ class _Translation:
             takes = bool(rest) and (word not in INFO or rest[0] in INFO_TOPICS)
             return [word, *([rest.pop(0)] if takes else [])]
         if word == "--":
-            return [self._position(rest.pop(0)) for _ in range(len(rest))]
+            return [one for _ in range(len(rest)) for one in self._position(rest.pop(0))]
         if word.startswith("-") and not Path(word).exists():
             return [self._option(word, rest)]
         if self._is_path(word):
-            return [self._position(word)]
+            return self._position(word)
         return [self._override(word)]
 
     def _is_path(self, word: str) -> bool:
@@ -144,10 +148,13 @@ class _Translation:
     def _knows(self, key: str) -> bool:
         return re.split(r"[./@]", key, maxsplit=1)[0] in self.names | {"hydra"}
 
-    def _position(self, word: str) -> str:
+    def _position(self, word: str) -> list[str]:
+        if self.verb.many is not None:
+            self.collected.append(word)
+            return []
         if not self.positional:
             raise UsageError(self._misplaced(word))
-        return self._assignment("", self.positional.pop(0), word, verbatim=True)
+        return [self._assignment("", self.positional.pop(0), word, verbatim=True)]
 
     def _misplaced(self, word: str) -> str:
         if self.verb.positional:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -21,7 +21,7 @@ class DetectedHand:
     """Landmarks, pixels of the image: MediaPipe's normalised coordinates times width and height."""
     side: Side
     """Side of the hand if the image is not mirrored."""
-    score: float
+    score: float | None
     """Presence: probability of a hand in the square that the landmark network was given, 0 to 1."""
     side_score: float
     """Probability of the side by the landmark network, 0 to 1."""
@@ -44,6 +44,7 @@ class Detections:
     """One sentence for each dropped candidate, with the threshold and the option that sets it."""
 
 
+@runtime_checkable
 class Detector(Protocol):
     """Function that finds the hands of an image."""
 

@@ -4,14 +4,13 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.data.landmarks.crops import LandmarkCrops, uncrop_prediction
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.fitting.hands_file import HandRecords
+from hand_recon.fitting.origin import Origin
 from hand_recon.schema import HandParameters, HandPrediction
 
 Record = TypeVar("Record", HandParameters, HandPrediction)
@@ -31,6 +30,21 @@ class FittedHands:
     """Pixels of the 224-pixel crop per pixel of the image."""
     has_sigma: bool = True
     """True if the prediction's σ is an estimate; false if it is a placeholder."""
+    origins: tuple[Origin, ...] = ()
+    """Origin of each hand; by default from landmarks without further information."""
+
+    def __post_init__(self) -> None:
+        if not self.origins:
+            camera = "assumed" if self.observed.intrinsics is None else "given"
+            found = tuple(
+                Origin(image=None if file is None else file.name, camera=camera)
+                for file in self.observed.images
+            )
+            object.__setattr__(self, "origins", found)
+        if len(self.origins) != len(self.observed):
+            raise ValueError(
+                f"Found {len(self.origins)} origins of {len(self.observed)} hands; expected one per hand."
+            )
 
     def __len__(self) -> int:
         return len(self.observed)
@@ -49,34 +63,6 @@ class FittedHands:
         given = self.observed.labelled & self.fitted[:, None]
         return torch.where(given, distance, torch.nan)
 
-    def records(self) -> HandRecords:
-        """The hands as the file format holds them."""
-        found, parameters, fitted = self.prediction, self.prediction.parameters, self.fitted
-
-        def numbers(values: Tensor) -> np.ndarray:
-            kept = fitted.reshape(-1, *[1] * (values.ndim - 1))
-            return values.double().masked_fill(~kept, torch.nan).numpy()
-
-        sigma = (
-            found.log_sigma.exp() if self.has_sigma else torch.full_like(found.log_sigma, torch.nan)
-        )
-        return HandRecords(
-            names=self.observed.names,
-            sides=tuple("left" if left else "right" for left in self.observed.left.tolist()),
-            fitted=fitted.numpy(),
-            landmarks_3d=numbers(found.landmarks_3d),
-            landmarks_2d=numbers(found.landmarks_2d),
-            joint_angles_degrees=numbers(parameters.joint_angles.rad2deg()),
-            shape=numbers(parameters.shape),
-            sigma=numbers(sigma),
-            residual=numbers(self.distance.nanmean(dim=1)),
-            rotation=numbers(parameters.root_rotation),
-            translation=numbers(parameters.translation),
-            intrinsics=numbers(found.intrinsics),
-            intrinsics_known=(fitted & (self.observed.intrinsics is not None)).numpy(),
-            loss={name: numbers(value) for name, value in self.loss.items()},
-        )
-
 
 def fitted_hands(
     observed: ImageLandmarks,
@@ -85,6 +71,7 @@ def fitted_hands(
     loss: dict[str, Float[Tensor, " hand"]],
     *,
     has_sigma: bool = True,
+    origins: tuple[Origin, ...] = (),
 ) -> FittedHands:
     """Transform hands that were fitted in crops back to their images.
 
@@ -95,6 +82,7 @@ def fitted_hands(
             for every usable hand, in order.
         loss: Value of every term for the same hands.
         has_sigma: True if the prediction's σ is an estimate.
+        origins: Origin of each observed hand; none for landmarks without further information.
 
     Raises:
         ValueError: There are neither as many predictions as hands nor as many as usable hands.
@@ -110,7 +98,9 @@ def fitted_hands(
     if found < hands:
         prediction = _with_missing(prediction.to("cpu").detach(), usable)
         values = {name: _with_missing_rows(value, usable) for name, value in values.items()}
-    return FittedHands(observed, uncrop_prediction(crops, prediction), values, scale, has_sigma)
+    return FittedHands(
+        observed, uncrop_prediction(crops, prediction), values, scale, has_sigma, origins
+    )
 
 
 def _with_missing(record: Record, present: Bool[Tensor, " hand"]) -> Record:

@@ -1,16 +1,16 @@
-"""Results of `hand_recon.fit`: hands as JSON, meshes and images.
+"""Results of a fit of landmarks: hands as JSON and tables, meshes and images.
 
-`fit.json` has one object per hand, in the order of the input, in the format of
+`hands.json` has one object per hand, in the order of the input, in the format of
 `hand_recon.fitting.hands_file`. Meshes are in metres in the camera's frame.
 """
 
 import logging
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -19,25 +19,29 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
+from hand_recon.fitting.drawing import save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
-from hand_recon.fitting.hands_file import write_names, writing_hands
+from hand_recon.fitting.hand_records import HandRecords
+from hand_recon.fitting.hands_file import writing_hands
+from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
+from hand_recon.fitting.records_of_fits import to_records
 
 logger = logging.getLogger(__name__)
 
-MESH_FORMATS: Final = ("obj", "ply")
+MESH_FORMATS: Final = ("obj", "ply", "glb")
 """File formats of meshes."""
 
 PRODUCTS: Final = (
-    "fit.json", "fit.json.part", "joints.json", "fits.png", "meshes", "pictures", "per_hand.csv",
-    "metrics.json", "checkpoints",
+    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "fits.png", "meshes",
+    "pictures", "overlays", "index.html", "per_hand.csv", "metrics.json", "checkpoints",
 )  # fmt: skip
 """Files and folders of a fit or a run; a folder that holds one of them is not written to."""
 
 
 @dataclass(frozen=True)
 class ResultOptions:
-    """Options for the results besides `fit.json`.
+    """Options for the results besides `hands.json`.
 
     Raises:
         ValueError: The format of meshes is unknown.
@@ -81,6 +85,8 @@ def write_results(
     parts: Iterable[FittedHands],
     faces: Int[Tensor, "face 3"],
     options: ResultOptions | None = None,
+    *,
+    done: Sequence[dict[str, Any]] | None = None,
 ) -> dict[str, float]:
     """Write all results part by part, and print a summary.
 
@@ -88,7 +94,8 @@ def write_results(
         folder: Folder of the results; made if it does not exist.
         parts: The hands in order, some at a time; a generator may fit each part when it is asked for it.
         faces: The right hand's triangles.
-        options: How much is written besides `fit.json`.
+        options: How much is written besides `hands.json`.
+        done: Objects of the first hands, of an interrupted run that goes on in this folder.
 
     Returns:
         Number of hands, and means over the fitted hands.
@@ -96,18 +103,21 @@ def write_results(
     Raises:
         FileExistsError: The folder already holds results.
     """
-    folder = claim_results_folder(folder)
+    folder = Path(folder) if done is not None else claim_results_folder(folder)
     extras = _MeshesAndImages(folder, faces.cpu().numpy(), options or ResultOptions())
-    totals = _Totals()
-    write_names(folder / "joints.json")
-    with writing_hands(folder / "fit.json") as write:
+    totals, number = _Totals(), len(done or ())
+    path = folder / "hands.json"
+    with writing_hands(path, done) as write:
         for part in parts:
-            write(part.records())
+            records = to_records(part)
+            write(records)
             for position, fitted in enumerate(part.fitted.tolist()):
                 if fitted:
-                    extras.add(part, position, totals.hands + position)
-            totals.add(part)
-    extras.finish(totals.hands)
+                    extras.add(part, position, number + position)
+            number += len(part)
+            totals.add(part, records)
+    write_tables(folder, path)
+    extras.finish(number)
     summary = totals.summary()
     _print_summary(summary, folder)
     return summary
@@ -131,10 +141,12 @@ class _MeshesAndImages:
             position: Index of the hand in the part.
             number: Index of the hand among all hands.
         """
-        name = _file_name(part.observed.names[position], number)
+        name = file_name(part.observed.names[position], number)
         if number < self.options.meshes:
             target = self._folder("meshes") / f"{name}.{self.options.mesh_format}"
-            _write_mesh(target, part, position, self.faces)
+            vertices = part.prediction.vertices[position : position + 1].numpy()
+            side = "left" if bool(part.observed.left[position]) else "right"
+            save_meshes(target, vertices, [side], self.faces)
         if number < self.options.pictures:
             hand = fitted_image(part, position, number)
             self.captions.append(hand.caption)
@@ -158,23 +170,11 @@ class _MeshesAndImages:
         return folder
 
 
-def _file_name(name: str, number: int) -> str:
+def file_name(name: str, number: int) -> str:
     """A hand's number and name in characters that are allowed on every file system."""
     stem = re.sub(r"\.(png|jpe?g|bmp|tiff?|webp)\b", "", name, flags=re.IGNORECASE)
     safe = re.sub(r"[^A-Za-z0-9.-]+", "-", stem).strip("-.")[:60]
     return f"{number:06d}" if safe in ("", str(number)) else f"{number:06d}_{safe}"
-
-
-def _write_mesh(
-    path: Path, part: FittedHands, position: int, faces: Int[np.ndarray, "face 3"]
-) -> None:
-    # Half a second, which a fit that writes no mesh should not wait for.
-    import trimesh
-
-    # Mirroring a hand turns its triangles inside out: reverse their winding.
-    faces = faces[:, ::-1] if bool(part.observed.left[position]) else faces
-    vertices = part.prediction.vertices[position].double().numpy()
-    trimesh.Trimesh(vertices, faces, process=False).export(path)
 
 
 def write_png(path: Path, image: np.ndarray) -> None:
@@ -189,17 +189,19 @@ class _Totals:
 
     hands: int = 0
     fitted: int = 0
+    doubtful: int = 0
     left: int = 0
     landmarks: int = 0
     pixels: float = 0.0
     crop_pixels: float = 0.0
     loss: dict[str, float] = field(default_factory=dict)
 
-    def add(self, part: FittedHands) -> None:
-        """Add a part."""
+    def add(self, part: FittedHands, records: HandRecords) -> None:
+        """Add a part, which the records are of."""
         distance, fitted = part.distance, part.fitted
         self.hands += len(part)
         self.fitted += int(fitted.sum())
+        self.doubtful += records.verdicts.count("doubtful")
         self.left += int(part.observed.left.sum())
         self.landmarks += int(distance.isfinite().sum())
         self.pixels += float(distance.nansum())
@@ -209,7 +211,12 @@ class _Totals:
 
     def summary(self) -> dict[str, float]:
         """Counts, and means if there is at least one landmark."""
-        counts: dict[str, float] = {"hands": self.hands, "fitted": self.fitted, "left": self.left}
+        counts: dict[str, float] = {
+            "hands": self.hands,
+            "fitted": self.fitted,
+            "doubtful": self.doubtful,
+            "left": self.left,
+        }
         if not self.landmarks:
             return counts
         return counts | {
@@ -221,8 +228,9 @@ class _Totals:
 
 
 _MEANINGS: Final = {
-    "hands": "hands in the file",
-    "fitted": "hands with enough landmarks to be fitted",
+    "hands": "hands",
+    "fitted": "fitted",
+    "doubtful": "doubtful, with the reasons in hands.json",
     "left": "left hands",
     "landmarks": "landmarks given for the fitted hands",
     "residual": "mean distance to them, pixels of the image",

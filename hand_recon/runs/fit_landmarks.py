@@ -1,113 +1,29 @@
 """Fits 3D hands to arrays of 2D landmarks: what `hand-recon fit` does, as a function."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from hand_recon.command_line.composing import composed
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.fitting.fitted_hands import FittedHands
-from hand_recon.fitting.hands_file import HandRecords
-from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.in_parts import fit_in_parts
-from hand_recon.fitting.results import ResultOptions, write_png, write_results
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter, file_origins, source_of
+from hand_recon.runs.reconstructed_hands import ReconstructedHands
 
 SIDES: Final = ("right", "left")
 """Sides that a hand can have."""
 
 COMMAND_ONLY: Final = frozenset(
     {"data", "hands", "images", "intrinsics", "landmarks", "name", "order", "output", "results", "seed",
-     "side", "third_value", "threads"}
+     "side", "strict", "third_value", "threads"}
 )  # fmt: skip
 """Settings of `hand-recon fit` that a fit of arrays does not read."""
-
-
-@dataclass(frozen=True)
-class ReconstructedHands:
-    """3D hands fitted to 2D landmarks, as NumPy arrays; numbers of hands without a result are NaN."""
-
-    parts: tuple[FittedHands, ...] = field(repr=False)
-    """Fitted hands in their order, in parts."""
-    faces: Int[np.ndarray, "face 3"] = field(repr=False)
-    """Triangles of a right hand's mesh; reverse them for a left hand."""
-
-    def __len__(self) -> int:
-        return sum(len(part) for part in self.parts)
-
-    @property
-    def fitted(self) -> Bool[np.ndarray, " hand"]:
-        """Mask of the hands that had enough landmarks and a finite result."""
-        return np.concatenate([part.fitted.numpy() for part in self.parts])
-
-    @property
-    def vertices(self) -> Float[np.ndarray, "hand vertex 3"]:
-        """Mesh vertices, camera frame (x right, y down, z forward), metres."""
-        return np.concatenate([part.prediction.vertices.numpy() for part in self.parts])
-
-    @property
-    def landmarks_3d(self) -> Float[np.ndarray, "hand landmark=21 3"]:
-        """Landmarks, camera frame, metres."""
-        return self._column("landmarks_3d")
-
-    @property
-    def landmarks_2d(self) -> Float[np.ndarray, "hand landmark=21 2"]:
-        """Projections of `landmarks_3d`, pixels of the image."""
-        return self._column("landmarks_2d")
-
-    @property
-    def joint_angles_degrees(self) -> Float[np.ndarray, "hand joint=15 axis=3"]:
-        """Bend, splay and twist of each joint of `hand_recon.hand.skeleton.ARTICULATED`, degrees."""
-        return self._column("joint_angles_degrees")
-
-    def draw(self, path: str | Path, panel: int = 224) -> Path:
-        """Write a PNG with a row per hand: given, fitted, the mesh on them, the mesh from the side.
-
-        Args:
-            path: The file; not overwritten.
-            panel: Side of each panel, pixels.
-
-        Raises:
-            FileExistsError: The file is there already.
-            ValueError: No hand was fitted.
-        """
-        path = Path(path).expanduser()
-        if path.exists():
-            raise FileExistsError(f"{path} exists, and nothing is overwritten; name another file.")
-        rows, captions, number = [], [], 0
-        for part in self.parts:
-            for position, fitted in enumerate(part.fitted.tolist()):
-                if fitted:
-                    one = fitted_image(part, position, number)
-                    captions.append(one.caption)
-                    rows.append(draw_fitted(one, self.faces, panel))
-                number += 1
-        write_png(path, contact_sheet(rows, captions))
-        return path
-
-    def save(self, folder: str | Path, options: ResultOptions | None = None) -> Path:
-        """Write what `hand-recon fit` writes: fit.json, meshes and images.
-
-        Args:
-            folder: Where to; made if it is not there.
-            options: How much is written.
-
-        Raises:
-            FileExistsError: The folder already holds results.
-        """
-        folder = Path(folder).expanduser()
-        write_results(folder, self.parts, torch.from_numpy(self.faces), options)
-        return folder
-
-    def _column(self, name: str) -> Any:  # noqa: ANN401  # the property says which array
-        records: list[HandRecords] = [part.records() for part in self.parts]
-        return np.concatenate([getattr(one, name) for one in records])
 
 
 def fit_landmarks(
@@ -135,7 +51,7 @@ def fit_landmarks(
     Raises:
         ValueError: Shapes, sides, cameras or confidences are not as above; or an argument is given twice.
     """
-    _check_overrides(overrides)
+    check_overrides(overrides, COMMAND_ONLY, "fit_landmarks")
     # A fit takes gradients, also for callers who take none.
     with torch.inference_mode(False), torch.enable_grad():
         if isinstance(points, ImageLandmarks):
@@ -153,19 +69,29 @@ def fit_landmarks(
             landmarks = replace(landmarks, images=files)
         config = adapted_to_data(composed("fit", overrides))
         hand = build_hand(config)
-        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand)))
+        origins = file_origins(landmarks, source_of(config, hand))
+        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand), origins=origins))
     return ReconstructedHands(parts, hand.faces.numpy())
 
 
-def _check_overrides(overrides: Sequence[str]) -> None:
-    """Refuse settings that only the command reads."""
+def check_overrides(overrides: Sequence[str], command_only: frozenset[str], function: str) -> None:
+    """Check that settings are ones that a function reads, not only the command.
+
+    Args:
+        overrides: The settings.
+        command_only: Names of those that only the command reads.
+        function: The function, for the message.
+
+    Raises:
+        ValueError: One of them is not.
+    """
     if isinstance(overrides, str):
         raise ValueError(f"overrides is one string, {overrides!r}; expected a list of them.")
     for word in overrides:
         name = word.lstrip("+~").partition("=")[0]
-        if name in COMMAND_ONLY:
+        if name in command_only:
             raise ValueError(
-                f"The override {word!r} has no effect here: {name} is an argument of fit_landmarks or is the "
+                f"The override {word!r} has no effect here: {name} is an argument of {function} or is the "
                 "command's own."
             )
 

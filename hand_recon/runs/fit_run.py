@@ -1,20 +1,24 @@
 """Fits 3D hands to the 2D landmarks of a file or of a dataset (Sec. 3.2-3.4)."""
 
 import logging
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.fitting.descent import Descent, Fitted, Objective
 from hand_recon.fitting.descent import fit as descend
+from hand_recon.fitting.hands_file import finished_entries
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
 from hand_recon.fitting.observation import observed
-from hand_recon.fitting.results import claim_results_folder, write_results
+from hand_recon.fitting.origin import Origin
+from hand_recon.fitting.results import PRODUCTS, claim_results_folder, write_results
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import (
     build_hand,
@@ -23,6 +27,7 @@ from hand_recon.runs.configuration import (
     instantiate,
     plain,
 )
+from hand_recon.runs.unfinished import claim_or_resume, file_state, finish
 from hand_recon.schema import HandBatch
 
 logger = logging.getLogger(__name__)
@@ -46,19 +51,15 @@ def fit(config: DictConfig) -> dict[str, Any]:
             f"found {'neither' if config.landmarks is None else 'both'}."
         )
     threads = configure_process(config.threads)
-    folder = claim_results_folder(
-        config.output or HydraConfig.get().runtime.output_dir, "config.yaml"
-    )
     config = adapted_to_data(config)
-    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
-    hand = build_hand(config)
-    fitter = build_fitter(config, hand)
-    logger.info("Fitting with %d thread(s) into %s", threads, folder)
+    folder = Path(config.output or HydraConfig.get().runtime.output_dir).expanduser().absolute()
     if config.landmarks is None:
-        # Datasets and their scores need Lightning and torchmetrics, which take seconds to import.
-        from hand_recon.runs.fit_dataset_run import fit_dataset
-
-        return fit_dataset(config, folder, fitter, hand)
+        return _fit_dataset(config, folder)
+    settings = {
+        "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
+        "landmarks": file_state(_existing(config.landmarks)),
+    }
+    goes_on = claim_or_resume(folder, (*PRODUCTS, "config.yaml"), settings)
     landmarks = read_landmarks(
         config.landmarks,
         config.intrinsics,
@@ -69,8 +70,86 @@ def fit(config: DictConfig) -> dict[str, Any]:
             images=None if config.images is None else Path(config.images),
         ),
     )
-    options = instantiate(config.results)
-    return write_results(folder, fit_in_parts(landmarks, fitter), hand.faces, options)
+    done = list(finished_entries(folder / "hands.json.part"))[: len(landmarks)] if goes_on else []
+    if done:
+        logger.info("%d of %d hands are there already.", len(done), len(landmarks))
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    hand = build_hand(config)
+    logger.info("Fitting with %d thread(s) into %s", threads, folder)
+    rest = landmarks.select(slice(len(done), None))
+    parts = fit_in_parts(
+        rest, build_fitter(config, hand), origins=file_origins(rest, source_of(config, hand))
+    )
+    summary = write_results(folder, parts, hand.faces, instantiate(config.results), done=done)
+    finish(folder)
+    check_outcome(summary, strict=config.strict)
+    return summary
+
+
+_NO_RESULT: Final = frozenset({"output", "threads", "strict", "paths", "landmarks", "name"})
+"""Settings that the numbers of the results do not depend on."""
+
+
+def _existing(path: str) -> Path:
+    found = Path(path).expanduser()
+    if not found.is_file():
+        raise FileNotFoundError(
+            f"No landmarks at {found}. Give a JSON list of hands of 21 points [u, v], COCO keypoints or CSV."
+        )
+    return found
+
+
+def _fit_dataset(config: DictConfig, folder: Path) -> dict[str, Any]:
+    """Fit the test hands of a dataset."""
+    # Datasets and their scores need Lightning and torchmetrics, which take seconds to import.
+    from hand_recon.runs.fit_dataset_run import fit_dataset
+
+    claim_results_folder(folder, "config.yaml")
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    hand = build_hand(config)
+    return fit_dataset(config, folder, build_fitter(config, hand), hand)
+
+
+def source_of(config: DictConfig, hand: HandModel, before: str = "landmarks") -> Origin:
+    """Origin of hands of a fit, without what differs from hand to hand.
+
+    Args:
+        config: Configuration of the fit.
+        hand: The hand that is fitted.
+        before: Step that gave the landmarks.
+    """
+    lifted = config.lifter is not None and config.descent.steps == 0
+    step = "lifter" if lifted else "fit" if config.lifter is None else "lifter, fit"
+    return Origin(source=f"{before}, {step}", hand_model=hand.name)
+
+
+def file_origins(landmarks: ImageLandmarks, origin: Origin) -> tuple[Origin, ...]:
+    """Origins of the hands of a file of landmarks."""
+    camera = "assumed" if landmarks.intrinsics is None else "given"
+    return tuple(
+        replace(origin, image=None if file is None else file.name, camera=camera)
+        for file in landmarks.images
+    )
+
+
+def check_outcome(summary: dict[str, float], *, strict: bool) -> None:
+    """Check that the results are what the command promises to have when it ends with status 0.
+
+    Args:
+        summary: Number of hands, of fitted and of doubtful ones.
+        strict: True if doubtful hands and those that were not fitted count as failures.
+
+    Raises:
+        ValueError: No hand was fitted; or strict, and a hand is doubtful or not fitted.
+    """
+    hands, fitted, doubtful = (int(summary[key]) for key in ("hands", "fitted", "doubtful"))
+    if not fitted:
+        raise ValueError(f"No hand was fitted, of {hands}; hands.json has the reason of each.")
+    if strict and (doubtful or fitted < hands):
+        raise ValueError(
+            f"{doubtful} of {hands} hands are doubtful and {hands - fitted} are not fitted, which strict "
+            "refuses; hands.json has the reason of each."
+        )
 
 
 def adapted_to_data(config: DictConfig) -> DictConfig:

@@ -163,3 +163,19 @@ def test_what_is_not_known_is_refused_with_the_nearest_name(words: list[str], me
 def test_a_verb_without_files_refuses_a_word() -> None:
     with pytest.raises(UsageError, match=r"`train` takes options as name=value"):
         overrides("train", "datta")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["a.jpg"], ["input=['a.jpg']"]),
+        (["a.jpg", "output=out", "it's [b], c.jpg"], ["output='out'", r"input=['a.jpg','it\'s [b], c.jpg']"]),
+        (["--output", "o", "--strict", "x.jpg", "--json", "-"], ["output='o'", "strict=true", "json=-", "input=['x.jpg']"]),
+        (["--", "-x.jpg", "--strict"], ["input=['-x.jpg','--strict']"]),
+        (["input=[a.jpg,b]"], ["input=[a.jpg,b]"]),
+        (["input=a b.jpg"], ["input='a b.jpg'"]),
+        (["camera=fov=60", "a"], ["camera='fov=60'", "input=['a']"]),
+    ],
+)  # fmt: skip
+def test_a_verb_may_take_any_number_of_files(words: list[str], expected: list[str]) -> None:
+    assert overrides("predict", *words) == expected

@@ -6,26 +6,31 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hand_recon.fitting.hand_entry import KEYS
+from hand_recon.fitting.hand_records import CAMERAS, SHAPES, HandRecords, joined_records
 from hand_recon.fitting.hands_file import (
     DECIMALS,
-    SHAPES,
-    HandRecords,
+    finished_entries,
     hand_entries,
     read_hands,
-    write_names,
     writing_hands,
 )
+from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.hand.model import HandModel
-from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
+from hand_recon.hand.skeleton import ARTICULATED, AXES
 from tests.support.fitted_hands import fitted
+
+SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
 
 
 @st.composite
@@ -36,7 +41,7 @@ def fields_of_hands(draw: st.DrawFn) -> dict[str, Any]:
     """
     count = draw(st.integers(0, 4))
     flags = st.lists(st.booleans(), min_size=count, max_size=count)
-    present, known, with_sigma, with_residual = (
+    present, with_sigma, with_residual, with_image = (
         np.array(draw(flags), dtype=bool) for _ in range(4)
     )
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -44,22 +49,42 @@ def fields_of_hands(draw: st.DrawFn) -> dict[str, Any]:
     numbers = {}
     for key, shape in SHAPES.items():
         values = scale * random.normal(size=(count, *shape))
-        values[~present] = np.nan
+        if key not in ("score", "observed_2d"):
+            values[~present] = np.nan
         numbers[key] = values
-    numbers["sigma"][~with_sigma] = np.nan
+    numbers["sigma_2d"][~with_sigma] = np.nan
+    numbers["covariance_3d"][with_sigma] = np.nan
     numbers["residual"][~with_residual] = np.nan
+    numbers["score"][with_residual] = np.nan
+    numbers["observed_2d"][random.random((count, 21)) < 0.3] = np.nan
     terms = draw(st.lists(st.text(min_size=1, max_size=8), max_size=3, unique=True))
     loss = {term: np.where(present, scale * random.normal(size=count), np.nan) for term in terms}
     if terms and count:
         loss[terms[0]][0] = np.nan
+
+    def texts(strategy: st.SearchStrategy[Any]) -> tuple[Any, ...]:
+        return tuple(draw(st.lists(strategy, min_size=count, max_size=count)))
+
     return dict(
-        names=tuple(draw(st.lists(st.text(max_size=12), min_size=count, max_size=count))),
-        sides=tuple(draw(st.lists(st.sampled_from(["left", "right"]), min_size=count, max_size=count))),
-        fitted=present,
-        intrinsics_known=known & present,
+        names=texts(st.text(max_size=12)),
+        images=texts(st.none() | st.text(max_size=12)),
+        sides=texts(st.sampled_from(["left", "right"])),
+        verdicts=tuple(
+            draw(st.sampled_from(["plausible", "doubtful"])) if one else "not fitted"
+            for one in present
+        ),
+        reasons=texts(st.lists(st.text(max_size=9), max_size=2).map(tuple)),
+        cameras=tuple(draw(st.sampled_from(CAMERAS)) if one else None for one in present),
+        image_sizes=tuple(
+            (640, 480) if one and two else None
+            for one, two in zip(present, with_image, strict=True)
+        ),
+        sources=texts(st.text(max_size=9)),
+        hand_models=texts(st.sampled_from(["open", "mano"])),
+        versions=texts(st.text(max_size=5)),
         loss=loss if present.any() else {},
         **numbers,
-    )  # fmt: skip
+    )
 
 
 def write(path: Path, *parts: HandRecords) -> Path:
@@ -78,9 +103,12 @@ def test_what_is_read_is_what_was_written_to_the_last_decimal(
     written = HandRecords(**fields)
     path = write(tmp_path_factory.mktemp("hands") / "any.json", written)
     found = read_hands(path)
-    assert (found.names, found.sides) == (written.names, written.sides)
+    for field in dataclasses.fields(HandRecords):
+        if field.name not in (*SHAPES, "loss"):
+            assert getattr(found, field.name) == getattr(written, field.name)
     assert found.fitted.tolist() == written.fitted.tolist()
     assert found.intrinsics_known.tolist() == written.intrinsics_known.tolist()
+    jsonschema.validate(json.loads(path.read_text(encoding="utf-8")), SCHEMA)
     for key in SHAPES:
         half = 0.5000001 * 10.0 ** -DECIMALS[key]
         expected = getattr(written, key)
@@ -94,7 +122,7 @@ def test_what_is_read_is_what_was_written_to_the_last_decimal(
 
 
 def test_parts_make_one_list_with_a_hand_to_a_line(hand: HandModel, tmp_path: Path) -> None:
-    part = fitted(hand).records()
+    part = to_records(fitted(hand))
     path = write(tmp_path / "hands.json", part, part)
     lines = path.read_text(encoding="utf-8").splitlines()
     assert (lines[0], lines[-1]) == ("[", "]")
@@ -106,13 +134,15 @@ def test_parts_make_one_list_with_a_hand_to_a_line(hand: HandModel, tmp_path: Pa
 def test_plain_json_holds_the_hands_that_were_fitted(hand: HandModel, tmp_path: Path) -> None:
     """Read without the reader of the format, as a user's program does."""
     part = fitted(hand)
-    path = write(tmp_path / "hands.json", part.records())
+    path = write(tmp_path / "hands.json", to_records(part))
     content = json.loads(path.read_text(encoding="utf-8"))
     assert [list(entry) for entry in content] == [
-        ["name", "side", "fitted", "landmarks_3d", "landmarks_2d", "joint_angles_degrees", "shape", "sigma",
-         "residual", "camera", "loss"]
+        ["image", "name", "side", "score", "verdict", "reasons", "landmarks_3d", "landmarks_2d", "observed_2d",
+         "sigma_2d", "covariance_3d", "joint_angles_degrees", "shape", "root_rotation", "translation", "camera",
+         "residual", "loss", "source", "hand_model", "version"]
     ] * 3  # fmt: skip
-    assert [entry["fitted"] for entry in content] == [True, True, False]
+    assert [entry["verdict"] == "not fitted" for entry in content] == [False, False, True]
+    assert content[0]["observed_2d"][5] is None
     found = part.prediction
     for index, entry in enumerate(content[:2]):
         parameters = found.parameters.select(slice(index, index + 1))
@@ -120,30 +150,68 @@ def test_plain_json_holds_the_hands_that_were_fitted(hand: HandModel, tmp_path: 
             ("landmarks_3d", found.landmarks_3d[index], 1e-7),
             ("landmarks_2d", found.landmarks_2d[index], 1e-4),
             ("shape", parameters.shape[0], 1e-5),
-            ("sigma", found.log_sigma[index].exp(), 1e-4),
+            ("sigma_2d", found.log_sigma[index].exp(), 1e-4),
         ):
             np.testing.assert_allclose(entry[key], expected.double(), rtol=1e-6, atol=tolerance)
-        radians = np.radians(entry["joint_angles_degrees"])
+        angles = entry["joint_angles_degrees"]
+        assert list(angles) == list(ARTICULATED)
+        radians = np.radians([[angles[joint][axis] for axis in AXES] for joint in ARTICULATED])
         np.testing.assert_allclose(radians, parameters.joint_angles[0], rtol=1e-6, atol=1e-5)
         camera = entry["camera"]
-        assert list(camera) == ["rotation", "translation", "intrinsics", "known"]
-        np.testing.assert_allclose(camera["rotation"], parameters.root_rotation[0], atol=1e-6)
-        np.testing.assert_allclose(camera["translation"], parameters.translation[0], atol=1e-6)
+        assert (camera["source"], camera["image_size"]) == ("given", None)
+        np.testing.assert_allclose(entry["root_rotation"], parameters.root_rotation[0], atol=1e-6)
+        np.testing.assert_allclose(entry["translation"], parameters.translation[0], atol=1e-6)
         np.testing.assert_allclose(camera["intrinsics"], found.intrinsics[index], atol=1e-5)
         assert entry["loss"] == {"data": [1.0, 3.0][index], "pose": 0.0}
     assert read_hands(path).loss["data"].tolist()[:2] == [1.0, 3.0]
 
 
-def test_the_names_beside_it_are_those_of_the_skeleton(tmp_path: Path) -> None:
-    write_names(tmp_path / "joints.json")
-    names = json.loads((tmp_path / "joints.json").read_text(encoding="utf-8"))
-    assert (names["joints"], names["axes"]) == (list(ARTICULATED), list(AXES))
-    assert names["landmarks"] == list(LANDMARKS)
-    assert set(names["units"]) < {field.name for field in dataclasses.fields(HandRecords)}
+def test_the_schema_names_the_keys_in_their_order_and_refuses_what_the_reader_refuses(
+    hand: HandModel,
+) -> None:
+    assert list(SCHEMA["$defs"]["hand"]["properties"]) == list(KEYS)
+    good = list(hand_entries(to_records(fitted(hand))))
+    jsonschema.validate(good, SCHEMA)
+    for key in KEYS:
+        for wrong in ({**good[0], key: object}, {k: v for k, v in good[0].items() if k != key}):
+            with pytest.raises(jsonschema.ValidationError):
+                jsonschema.validate([wrong], SCHEMA)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate([{**good[2], "shape": [0.0] * 10}], SCHEMA)
+
+
+def test_an_unfinished_file_is_read_as_far_as_its_lines_are_whole_and_gone_on_with(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    part = to_records(fitted(hand))
+    whole = write(tmp_path / "whole.json", part, part).read_bytes()
+    # All beginnings of the file that a kill can leave; a sample, and those about the ends of lines.
+    ends = [at for at, byte in enumerate(whole) if byte == ord("\n")]
+    cuts = {
+        0,
+        1,
+        2,
+        *range(0, len(whole), 997),
+        *ends,
+        *(end - 1 for end in ends),
+        *(end + 1 for end in ends),
+    }
+    path = tmp_path / "hands.json"
+    unfinished = tmp_path / "hands.json.part"
+    for cut in sorted(cuts):
+        unfinished.write_bytes(whole[:cut])
+        done = list(finished_entries(unfinished))
+        lines = whole[:cut].decode(errors="replace").splitlines()
+        assert len(done) >= max(len(lines) - 2, 0)
+        rest = list(hand_entries(joined_records([part, part])))[len(done) :]
+        path.unlink(missing_ok=True)
+        with writing_hands(path, [*done, *rest]):
+            pass
+        assert path.read_bytes() == whole
 
 
 def test_a_number_that_is_not_finite_is_not_written(hand: HandModel, tmp_path: Path) -> None:
-    good = fitted(hand).records()
+    good = to_records(fitted(hand))
     shape = good.shape.copy()
     shape[1, 3] = np.inf
     with (
@@ -161,12 +229,16 @@ Entry = dict[str, Any]
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda a: a.pop("shape"), "hand 1: the hand is an object without shape; expected the keys name, "),
+        (lambda a: a.pop("shape"), "hand 1: the hand is an object without shape; expected the keys image, "),
         (lambda a: a.update(extra=1), "hand 1: the hand is an object with the unknown key extra; expected"),
         (lambda a: a.update(name=3), "hand 1: name is 3; expected a string"),
         (lambda a: a.update(side="both"), "hand 1: side is both; expected 'left' or 'right'"),
-        (lambda a: a.update(fitted=1), "hand 1: fitted is 1; expected true or false"),
-        (lambda a: a.update(fitted=False), "landmarks_3d is .*; expected null, because 'fitted' is false"),
+        (lambda a: a.update(verdict=1), "hand 1: verdict is 1; expected 'plausible' or 'doubtful' or 'not fitted'"),
+        (lambda a: a.update(verdict="not fitted"), "landmarks_3d is .*; expected null, because the hand is not f"),
+        (lambda a: a.update(reasons="x"), "reasons is x; expected a list of sentences"),
+        (lambda a: a.update(image=3), "image is 3; expected a file name or null"),
+        (lambda a: a["joint_angles_degrees"].pop("thumb IP"), "'joint_angles_degrees' is an object without thumb IP"),
+        (lambda a: a["joint_angles_degrees"]["thumb IP"].pop("bend"), "thumb IP is an object without bend"),
         (lambda a: a.update(shape=None), r"shape is null; expected finite numbers of shape \(10,\)"),
         (lambda a: a["shape"].pop(), r"shape is \[.*; expected finite numbers of shape \(10,\)"),
         (lambda a: a["landmarks_3d"][4].pop(), r"landmarks_3d is \[.*\.\.\.; expected finite numbers"),
@@ -175,19 +247,19 @@ Entry = dict[str, Any]
         (lambda a: a["landmarks_2d"].__setitem__(4, ["1", "2"]), r"expected finite .* \(21, 2\)"),
         (lambda a: a["shape"].__setitem__(4, 10**400), r"expected finite numbers of shape \(10,\)"),
         (lambda a: a.update(residual=True), "residual is true; expected a finite number"),
-        (lambda a: a.update(camera=None), "'camera' is null; expected an object with the keys rotation, "),
-        (lambda a: a["camera"].pop("known"), "'camera' is an object without known; expected the keys rot"),
-        (lambda a: a["camera"].update(known=None), "known is null; expected true or false"),
-        (lambda a: a["camera"].update(rotation=[1, 0, 0]), r"rotation is \[1, 0, 0\]; .* \(3, 3\)"),
+        (lambda a: a.update(camera=None), "'camera' is null; expected an object with the keys intrinsics, "),
+        (lambda a: a["camera"].pop("source"), "'camera' is an object without source; expected the keys int"),
+        (lambda a: a["camera"].update(source="x"), "camera source is x; expected 'given' or 'EXIF'"),
+        (lambda a: a["camera"].update(image_size=[3]), r"image_size is \[3\]; .* \(2,\)"),
+        (lambda a: a.update(root_rotation=[1, 0, 0]), r"root_rotation is \[1, 0, 0\]; .* \(3, 3\)"),
         (lambda a: a.update(loss=[1.0]), r"loss is \[1.0\]; expected an object with a number per term"),
         (lambda a: a["loss"].update(data="x"), "data is x; expected a finite number"),
-        (lambda a: a["loss"].pop("pose"), r"'loss' has the terms \['data'\]; expected \['data', 'pose'\]"),
     ],
 )  # fmt: skip
 def test_a_hand_that_is_not_of_the_format_is_refused_by_name(
     hand: HandModel, tmp_path: Path, spoil: Callable[[Entry], object], said: str
 ) -> None:
-    entries = list(hand_entries(fitted(hand).records()))
+    entries = list(hand_entries(to_records(fitted(hand))))
     spoil(entries[1])
     path = tmp_path / "hands.json"
     path.write_text(json.dumps(entries), encoding="utf-8")
@@ -202,7 +274,7 @@ def test_a_hand_that_is_not_of_the_format_is_refused_by_name(
         ("[{}", "is not JSON"),
         ("[NaN]", "found NaN, which is not a JSON number"),
         ("{}", "holds a JSON dict; expected a list with one object per hand"),
-        ("[3]", "hand 0: the hand is 3; expected an object with the keys name, side"),
+        ("[3]", "hand 0: the hand is 3; expected an object with the keys image, name"),
     ],
 )
 def test_a_file_that_is_no_list_of_hands_is_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -225,14 +297,14 @@ def test_no_hand_is_read_as_no_hand(tmp_path: Path) -> None:
 
 
 def test_null_is_read_as_not_a_number(hand: HandModel, tmp_path: Path) -> None:
-    entries = list(hand_entries(fitted(hand).records()))
-    entries[0].update(sigma=None, residual=None)
+    entries = list(hand_entries(to_records(fitted(hand))))
+    entries[0].update(sigma_2d=None, residual=None)
     entries[1]["loss"]["data"] = None
     path = tmp_path / "hands.json"
     path.write_text(json.dumps(entries), encoding="utf-8")
     found = read_hands(path)
-    assert np.isnan(found.sigma[0]).all()
-    assert np.isfinite(found.sigma[1]).all()
+    assert np.isnan(found.sigma_2d[0]).all()
+    assert np.isfinite(found.sigma_2d[1]).all()
     assert math.isnan(found.residual[0])
     assert np.isnan(found.loss["data"][1:]).all()
     assert np.isnan(found.landmarks_3d[2]).all()

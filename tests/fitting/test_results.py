@@ -1,5 +1,6 @@
 """Results of a fit: valid JSON, meshes that face outwards, and nothing overwritten."""
 
+import csv
 import dataclasses
 import json
 import logging
@@ -26,7 +27,7 @@ def read(folder: Path) -> list[dict[str, Any]]:
     def refuse(token: str) -> None:
         raise AssertionError(f"{token} is not JSON")
 
-    text = (folder / "fit.json").read_text(encoding="utf-8")
+    text = (folder / "hands.json").read_text(encoding="utf-8")
     entries: list[dict[str, Any]] = json.loads(text, parse_constant=refuse)
     return entries
 
@@ -40,17 +41,18 @@ def test_every_hand_has_its_entry_and_the_numbers_agree_with_each_other(
     assert [entry["side"] for entry in entries] == list(SIDES)
     for entry in entries[:2]:
         shapes = {
-            key: np.shape(entry[key]) for key in ("landmarks_3d", "landmarks_2d", "sigma", "shape")
+            key: np.shape(entry[key])
+            for key in ("landmarks_3d", "landmarks_2d", "sigma_2d", "shape")
         }
         assert shapes == {
-            "landmarks_3d": (21, 3), "landmarks_2d": (21, 2), "sigma": (21, 2), "shape": (10,),
+            "landmarks_3d": (21, 3), "landmarks_2d": (21, 2), "sigma_2d": (21, 2), "shape": (10,),
         }  # fmt: skip
-        assert np.shape(entry["joint_angles_degrees"]) == (15, 3)
+        assert list(entry["joint_angles_degrees"]) == list(ARTICULATED)
         points, camera = np.array(entry["landmarks_3d"]), np.array(entry["camera"]["intrinsics"])
         np.testing.assert_allclose(camera, CAMERA, atol=1e-3)
         on_plane = points / points[:, 2:] @ camera.T
         np.testing.assert_allclose(on_plane[:, :2], entry["landmarks_2d"], atol=0.02)
-        assert entry["camera"]["known"] is True
+        assert entry["camera"]["source"] == "given"
         assert entry["residual"] < 0.02
         assert entry["loss"]["pose"] == 0.0
     assert not (tmp_path / "meshes").exists()
@@ -62,8 +64,9 @@ def test_a_hand_that_was_not_seen_keeps_its_place_with_nulls(
 ) -> None:
     write_results(tmp_path, [fitted(hand)], hand.faces, SMALL_RESULTS)
     last = read(tmp_path)[2]
-    assert last["fitted"] is False
-    told = {"name", "side", "fitted"}
+    assert last["verdict"] == "not fitted"
+    assert last["reasons"]
+    told = {"image", "name", "side", "verdict", "reasons", "source", "hand_model", "version"}
     assert all(value is None for key, value in last.items() if key not in told)
 
 
@@ -105,8 +108,10 @@ def test_a_part_without_a_usable_hand_is_written_as_nulls(hand: HandModel, tmp_p
         torch.zeros(0, 21, 2), torch.zeros(0, 3, 3),
     )  # fmt: skip
     part = fitted_hands(observed, to_crops(observed), nothing, {})
-    assert write_results(tmp_path, [part], hand.faces) == {"hands": 1, "fitted": 0, "left": 0}
-    assert [entry["fitted"] for entry in read(tmp_path)] == [False]
+    assert write_results(tmp_path, [part], hand.faces) == {
+        "hands": 1, "fitted": 0, "doubtful": 0, "left": 0
+    }  # fmt: skip
+    assert [entry["verdict"] for entry in read(tmp_path)] == ["not fitted"]
 
 
 def test_a_hand_whose_fit_ran_away_is_not_fitted(hand: HandModel, tmp_path: Path) -> None:
@@ -117,23 +122,45 @@ def test_a_hand_whose_fit_ran_away_is_not_fitted(hand: HandModel, tmp_path: Path
         good, prediction=dataclasses.replace(good.prediction, landmarks_3d=points)
     )
     summary = write_results(tmp_path, [bad], hand.faces, SMALL_RESULTS)
-    assert [entry["fitted"] for entry in read(tmp_path)] == [True, False, False]
+    fits = [entry["verdict"] != "not fitted" for entry in read(tmp_path)]
+    assert fits == [True, False, False]
     assert summary["fitted"] == 1
 
 
-def test_angles_are_degrees_in_the_order_that_the_file_beside_it_names(
-    hand: HandModel, tmp_path: Path
-) -> None:
+def test_angles_are_degrees_by_joint_and_axis(hand: HandModel, tmp_path: Path) -> None:
     part = fitted(hand)
     write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
-    names = json.loads((tmp_path / "joints.json").read_text())
-    assert names["joints"] == list(ARTICULATED)
-    assert names["axes"] == list(AXES)
-    assert names["landmarks"] == list(LANDMARKS)
     written = read(tmp_path)[0]["joint_angles_degrees"]
     radians = float(part.prediction.parameters.joint_angles[0, ARTICULATED.index("ring PIP"), 0])
-    bend = written[names["joints"].index("ring PIP")][names["axes"].index("bend")]
-    assert bend == pytest.approx(math.degrees(radians), abs=1e-3)
+    assert written["ring PIP"]["bend"] == pytest.approx(math.degrees(radians), abs=1e-3)
+    assert all(list(angles) == list(AXES) for angles in written.values())
+
+
+def test_tables_hold_the_numbers_of_the_file_of_hands(hand: HandModel, tmp_path: Path) -> None:
+    write_results(tmp_path, [fitted(hand)], hand.faces, SMALL_RESULTS)
+    entries = read(tmp_path)
+    with (tmp_path / "hands.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["name"] for row in rows] == [entry["name"] for entry in entries]
+    assert [row["verdict"] for row in rows] == [entry["verdict"] for entry in entries]
+    for row, entry in zip(rows[:2], entries, strict=False):
+        assert float(row["residual_px"]) == entry["residual"]
+        bend = entry["joint_angles_degrees"]["ring PIP"]["bend"]
+        assert float(row["ring_PIP_bend_degrees"]) == bend
+        assert [float(row[f"{axis}_m"]) for axis in "xyz"] == entry["landmarks_3d"][0]
+        assert float(row["focal_px"]) == pytest.approx(700, abs=1e-2)
+    # A hand that is not fitted has empty cells, not zeros.
+    assert {rows[2][key] for key in ("residual_px", "z_m", "shape_0", "camera")} == {""}
+    with (tmp_path / "landmarks.csv").open(encoding="utf-8", newline="") as stream:
+        points = list(csv.DictReader(stream))
+    assert [row["landmark"] for row in points[:21]] == list(LANDMARKS)
+    assert len(points) == 3 * 21
+    for position in (0, 7, 20):
+        row, entry = points[21 + position], entries[1]
+        assert [float(row["u_px"]), float(row["v_px"])] == entry["landmarks_2d"][position]
+        assert float(row["sigma_u_px"]) == entry["sigma_2d"][position][0]
+        assert [float(row[f"{axis}_m"]) for axis in "xyz"] == entry["landmarks_3d"][position]
+    assert points[5]["observed_u_px"] == ""
 
 
 def test_an_unknown_camera_and_an_unknown_sigma_are_said_to_be(
@@ -142,8 +169,8 @@ def test_an_unknown_camera_and_an_unknown_sigma_are_said_to_be(
     part = dataclasses.replace(fitted(hand, calibrated=False), has_sigma=False)
     write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
     entry = read(tmp_path)[0]
-    assert entry["camera"]["known"] is False
-    assert entry["sigma"] is None
+    assert entry["camera"]["source"] == "assumed"
+    assert entry["sigma_2d"] is None
 
 
 def test_parts_are_one_list_and_the_summary_is_of_all_of_them(
@@ -196,11 +223,11 @@ def test_nothing_is_overwritten(hand: HandModel, tmp_path: Path) -> None:
     assert claim_results_folder(tmp_path / "run") == tmp_path / "run"
     assert claim_results_folder(tmp_path / "run") == tmp_path / "run"
     write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
-    before = (tmp_path / "run" / "fit.json").read_text()
-    taken = r"already holds fit\.json, joints\.json, fits\.png, meshes, pictures of"
+    before = (tmp_path / "run" / "hands.json").read_text()
+    taken = r"already holds hands\.json, hands\.csv, landmarks\.csv, fits\.png, meshes, pictures of"
     with pytest.raises(FileExistsError, match=taken):
         write_results(tmp_path / "run", [fitted(hand)], hand.faces, SMALL_RESULTS)
-    assert (tmp_path / "run" / "fit.json").read_text() == before
+    assert (tmp_path / "run" / "hands.json").read_text() == before
 
 
 def test_what_was_fitted_before_an_error_is_kept_under_another_name(
@@ -212,14 +239,14 @@ def test_what_was_fitted_before_an_error_is_kept_under_another_name(
 
     with pytest.raises(RuntimeError, match="out of memory"):
         write_results(tmp_path, parts(), hand.faces, SMALL_RESULTS)
-    assert not (tmp_path / "fit.json").exists()
-    assert len(json.loads((tmp_path / "fit.json.part").read_text())) == 3
+    assert not (tmp_path / "hands.json").exists()
+    assert len(json.loads((tmp_path / "hands.json.part").read_text())) == 3
 
 
-def test_fit_json_can_be_fitted_to_again(hand: HandModel, tmp_path: Path) -> None:
+def test_hands_json_can_be_fitted_to_again(hand: HandModel, tmp_path: Path) -> None:
     part = fitted(hand)
     write_results(tmp_path, [part], hand.faces, SMALL_RESULTS)
-    again = read_landmarks(tmp_path / "fit.json")
+    again = read_landmarks(tmp_path / "hands.json")
     assert again.names == part.observed.names
     assert torch.equal(again.left, part.observed.left)
     assert again.usable.tolist() == [True, True, False]
@@ -235,6 +262,6 @@ def test_no_hands_are_an_empty_list(hand: HandModel, tmp_path: Path) -> None:
 
 def test_an_unknown_format_of_meshes_is_refused() -> None:
     with pytest.raises(
-        ValueError, match=r"Unknown format of meshes 'stl'; choose one of \['obj', 'ply'\]"
+        ValueError, match=r"Unknown format of meshes 'stl'; choose one of \['obj', 'ply', 'glb'\]"
     ):
         ResultOptions(mesh_format="stl")

@@ -1,0 +1,23 @@
+"""Reconstruct the 3D hands of photographs: a detector's landmarks, and a fit with the knowledge of hands.
+
+hand-recon predict photo.jpg --output outputs/my_hands
+hand-recon predict holiday/*.jpg more_photos camera=fov=60
+hand-recon predict photo.jpg --json - | jq '.[].verdict'
+"""
+
+from collections.abc import Sequence
+
+from hand_recon.command_line.hydra_verb import run_verb
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command.
+
+    Args:
+        words: The command line after the verb; none for this process's own.
+    """
+    run_verb("predict", __doc__ or "", words)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Landmarks of a user's file in the place of a detector: `detector=landmarks`."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import UInt8
+from omegaconf import DictConfig
+
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.detection.detector import DetectedHand, Detections
+
+
+class FileLandmarks:
+    """Looks up the hands of an image in a file of landmarks, by the image's path or file name."""
+
+    name: Final = "landmarks"
+
+    def __init__(self, file: Path, landmarks: ImageLandmarks) -> None:
+        """Keep the hands that belong to images.
+
+        Args:
+            file: The file, for messages.
+            landmarks: Its hands.
+
+        Raises:
+            ValueError: No hand names its image.
+        """
+        self.file, self.landmarks = file, landmarks
+        self.paths: dict[Path, list[int]] = {}
+        self.names: dict[str, list[int]] = {}
+        for hand, image in enumerate(landmarks.images):
+            if image is not None:
+                self.paths.setdefault(image.absolute(), []).append(hand)
+                self.names.setdefault(image.name, []).append(hand)
+        if not self.paths:
+            raise ValueError(
+                f"{file}: no hand names its image, so that the hands of an image cannot be looked up. Write "
+                "`image` for each hand, or use `hand-recon fit` on this file."
+            )
+
+    @classmethod
+    def from_config(cls, config: DictConfig) -> "FileLandmarks":
+        """Read the file that `detector.landmarks` names.
+
+        Raises:
+            ValueError: None is named.
+        """
+        given = None if "landmarks" not in config else config._get_node("landmarks")
+        if given is None or given._is_missing() or config.landmarks is None:
+            raise ValueError(
+                "detector=landmarks needs a file; give it with detector.landmarks=<file> (JSON, CSV and the "
+                "files of common detectors)."
+            )
+        file = Path(config.landmarks).expanduser()
+        return cls(file, read_landmarks(file))
+
+    def __call__(
+        self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None
+    ) -> Detections:
+        """The hands of an image.
+
+        Args:
+            image: RGB; not looked at.
+            file: File of the image.
+        """
+        del image
+        if file is None:
+            return Detections()
+        found = self.paths.get(file.absolute()) or self.names.get(file.name, [])
+        return Detections(hands=tuple(self._hand(hand) for hand in found))
+
+    def _hand(self, hand: int) -> DetectedHand:
+        landmarks = self.landmarks
+        points = landmarks.landmarks_2d[hand].masked_fill(
+            ~landmarks.labelled[hand, :, None], float("nan")
+        )
+        return DetectedHand(
+            landmarks_2d=points.numpy(),
+            side="left" if bool(landmarks.left[hand]) else "right",
+            score=1.0,
+            side_score=1.0,
+        )

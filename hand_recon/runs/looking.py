@@ -1,0 +1,129 @@
+"""Finds the hands of photographs, and makes landmarks to fit of them."""
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.data.photos import Photo, PhotoError, read_photo
+from hand_recon.detection.detector import DetectedHand, Detector
+from hand_recon.fitting.origin import Origin
+from hand_recon.fitting.photo_camera import CameraChoice
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LookedAt:
+    """A photograph in which hands were looked for."""
+
+    number: int
+    """Index among all photographs of the command."""
+    name: str
+    """Name by which results refer to it."""
+    path: Path | None = None
+    """File; None for an image that was given as an array."""
+    size: tuple[int, int] | None = None
+    """Width and height, pixels; None if it could not be read."""
+    hands: tuple[DetectedHand, ...] = ()
+    """Hands that were found."""
+    camera: Float[np.ndarray, "3 3"] | None = None
+    """Camera matrix, pixels; None if the photograph could not be read."""
+    camera_source: str = "assumed"
+    """Source of the camera matrix."""
+    error: str | None = None
+    """Reason why the photograph could not be processed; None if it was."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time of each stage, `read` and `detect`."""
+
+
+def look_at_file(
+    number: int, name: str, path: Path, detector: Detector, camera: CameraChoice
+) -> LookedAt:
+    """Read a photograph and find its hands; what is wrong with it is logged and returned, not raised.
+
+    Args:
+        number: Index among all photographs of the command.
+        name: Name by which results refer to it.
+        path: The file.
+        detector: Finds the hands.
+        camera: How its camera is determined.
+    """
+    start = time.perf_counter()
+    try:
+        photo = read_photo(path)
+    except (PhotoError, OSError, MemoryError) as error:
+        reason = str(error) or type(error).__name__
+        logger.error("%s", reason if str(path) in reason else f"{path}: {reason}")
+        return LookedAt(number, name, path, error=reason)
+    for note in photo.notes:
+        logger.info("%s: %s", name, note)
+    found = look_at(number, name, photo, detector, camera)
+    read = time.perf_counter() - start - found.seconds.get("detect", 0.0)
+    return replace(found, seconds={"read": read, **found.seconds})
+
+
+def look_at(
+    number: int, name: str, photo: Photo, detector: Detector, camera: CameraChoice
+) -> LookedAt:
+    """Find the hands of a photograph; arguments as for `look_at_file`."""
+    start = time.perf_counter()
+    found = detector(photo.pixels, photo.path)
+    seconds = {"detect": time.perf_counter() - start}
+    for sentence in found.dropped:
+        logger.warning("%s: %s", name, sentence)
+    sides = np.array([np.ptp(hand.landmarks_2d, axis=0).max() for hand in found.hands], dtype=float)
+    try:
+        chosen = camera.of_photo(number, photo.size, photo.focal_px, sides)
+    except ValueError as error:
+        logger.error("%s: %s", name, error)
+        return LookedAt(number, name, photo.path, photo.size, error=str(error), seconds=seconds)
+    return LookedAt(
+        number, name, photo.path, photo.size, found.hands, chosen.matrix, chosen.source, seconds=seconds
+    )  # fmt: skip
+
+
+def photo_of_array(pixels: UInt8[np.ndarray, "height width 3"]) -> Photo:
+    """An RGB array as a photograph without a file."""
+    return Photo(
+        pixels=pixels,
+        path=Path(),
+        stored_size=(pixels.shape[1], pixels.shape[0]),
+        orientation=1,
+    )
+
+
+def to_landmarks(
+    looked: Sequence[LookedAt], origin: Origin
+) -> tuple[ImageLandmarks, tuple[Origin, ...]]:
+    """Landmarks of all hands of some photographs, and the origin of each hand.
+
+    Args:
+        looked: The photographs.
+        origin: What all hands have in common.
+    """
+    pairs = [(one, hand) for one in looked for hand in one.hands]
+    points = np.array([hand.landmarks_2d for _, hand in pairs], dtype=np.float64)
+    tensor = torch.from_numpy(points.reshape(-1, 21, 2))
+    cameras = np.array([one.camera for one, _ in pairs], dtype=np.float64).reshape(-1, 3, 3)
+    landmarks = ImageLandmarks(
+        landmarks_2d=tensor,
+        labelled=tensor.isfinite().all(dim=-1),
+        left=torch.tensor([hand.side == "left" for _, hand in pairs], dtype=torch.bool),
+        names=tuple(one.name for one, _ in pairs),
+        intrinsics=torch.from_numpy(cameras),
+        images=tuple(one.path for one, _ in pairs),
+    )
+    origins = tuple(
+        replace(
+            origin, image=one.name, image_size=one.size, score=hand.score, camera=one.camera_source
+        )
+        for one, hand in pairs
+    )
+    return landmarks, origins

@@ -1,0 +1,245 @@
+"""Results of `predict`: hands, tables, overlays of photographs, meshes, and a page that shows all of them."""
+
+import csv
+import logging
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+import cv2
+import numpy as np
+from jaxtyping import Int
+from rich.console import Console
+from rich.table import Table
+
+from hand_recon.data.photos import read_photo
+from hand_recon.fitting.drawing import drawn_hand, save_meshes
+from hand_recon.fitting.fitted_hands import FittedHands
+from hand_recon.fitting.hand_records import HandRecords
+from hand_recon.fitting.hands_file import finished_entries, read_hands, writing_hands
+from hand_recon.fitting.hands_tables import write_tables
+from hand_recon.fitting.records_of_fits import to_records
+from hand_recon.fitting.results import MESH_FORMATS, file_name
+from hand_recon.runs.looking import LookedAt
+from hand_recon.visualization.gallery import GalleryEntry, GalleryHand, write_gallery
+from hand_recon.visualization.hand_overlay import draw_hands
+
+logger = logging.getLogger(__name__)
+
+PHOTO_PRODUCTS: Final = (
+    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "images.csv.part",
+    "overlays", "meshes", "index.html", "pictures", "fits.png", "metrics.json", "checkpoints",
+)  # fmt: skip
+"""Files and folders of `predict`; a folder that holds one of them is not written to."""
+
+COLUMNS: Final = (
+    "image", "width", "height", "hands", "doubtful", "error", "overlay", "read_ms", "detect_ms", "fit_ms",
+    "draw_ms",
+)  # fmt: skip
+"""Columns of `images.csv`."""
+
+
+@dataclass(frozen=True)
+class PhotoOptions:
+    """Options for the results besides `hands.json` and the tables.
+
+    Raises:
+        ValueError: The format of meshes is unknown.
+    """
+
+    overlays: bool = True
+    """True for an image of each photograph with its hands, and `index.html`."""
+    meshes: str | None = None
+    """Format of the meshes, one of `MESH_FORMATS`; None for no meshes."""
+
+    def __post_init__(self) -> None:
+        if self.meshes is not None and self.meshes not in MESH_FORMATS:
+            raise ValueError(
+                f"Unknown format of meshes {self.meshes!r}; choose one of {list(MESH_FORMATS)}."
+            )
+
+
+class PhotoResults:
+    """Writer of a folder of results, photograph by photograph."""
+
+    def __init__(
+        self, folder: Path, faces: Int[np.ndarray, "face 3"], options: PhotoOptions
+    ) -> None:
+        self.folder, self.faces, self.options = folder, faces, options
+        self.rows: list[dict[str, Any]] = []
+
+    @contextmanager
+    def writing(self, *, goes_on: bool) -> Iterator[list[str]]:
+        """Open the files, and complete them at the end; yields the names of photographs that are done.
+
+        Args:
+            goes_on: True to keep the photographs that an interrupted run finished.
+        """
+        hands, images = self.folder / "hands.json", self.folder / "images.csv"
+        unfinished = images.with_name("images.csv.part")
+        self.rows = list(read_images_table(unfinished)) if goes_on else []
+        done = [row["image"] for row in self.rows]
+        kept = [
+            entry
+            for entry in finished_entries(hands.with_name("hands.json.part"))
+            if entry["image"] in set(done)
+        ]
+        if done:
+            logger.info("%d images are done already.", len(done))
+        with (
+            writing_hands(hands, kept if goes_on else None) as self.write,
+            unfinished.open("w", encoding="utf-8", newline="") as stream,
+        ):
+            self.stream: TextIO = stream
+            self.table = csv.DictWriter(stream, COLUMNS)
+            self.table.writeheader()
+            self.table.writerows(self.rows)
+            stream.flush()
+            yield done
+        unfinished.rename(images)
+        write_tables(self.folder, hands)
+        if self.options.overlays:
+            self._gallery(read_hands(hands))
+        self._report()
+
+    def add(self, batch: Sequence[LookedAt], part: FittedHands | None) -> None:
+        """Write the hands of some photographs.
+
+        Args:
+            batch: The photographs.
+            part: Their hands in order; None if there are none.
+        """
+        records = None if part is None else to_records(part)
+        if records is not None:
+            self.write(records)
+        first = 0
+        for one in batch:
+            rows = range(first, first + len(one.hands))
+            first += len(one.hands)
+            start = time.perf_counter()
+            overlay = (
+                "" if records is None or part is None else self._draw(one, rows, part, records)
+            )
+            row = {
+                "image": one.name,
+                "width": "" if one.size is None else one.size[0],
+                "height": "" if one.size is None else one.size[1],
+                "hands": len(rows),
+                "doubtful": 0
+                if records is None
+                else sum(records.verdicts[hand] == "doubtful" for hand in rows),
+                "error": one.error or "",
+                "overlay": overlay,
+                **{
+                    f"{stage}_ms": round(1000 * seconds, 1)
+                    for stage, seconds in one.seconds.items()
+                },
+                "draw_ms": round(1000 * (time.perf_counter() - start), 1),
+            }
+            self.rows.append(row)
+            self.table.writerow(row)
+        self.stream.flush()
+
+    def _draw(self, one: LookedAt, rows: range, part: FittedHands, records: HandRecords) -> str:
+        """Write the overlay and the mesh of a photograph; the overlay's name, or nothing."""
+        fitted = [hand for hand in rows if records.verdicts[hand] != "not fitted"]
+        if not fitted:
+            return ""
+        name = file_name(one.name, one.number)
+        if self.options.meshes is not None:
+            save_meshes(
+                _made(self.folder / "meshes") / f"{name}.{self.options.meshes}",
+                part.prediction.vertices.numpy()[fitted],
+                [records.sides[hand] for hand in fitted],
+                self.faces,
+            )
+        if not self.options.overlays or one.path is None:
+            return ""
+        vertices = part.prediction.vertices.numpy()
+        drawn = [drawn_hand(records, vertices, hand, str(hand - rows.start + 1)) for hand in fitted]
+        image = draw_hands(read_photo(one.path).pixels, drawn, self.faces)
+        write_jpeg(_made(self.folder / "overlays") / f"{name}.jpg", image)
+        return f"overlays/{name}.jpg"
+
+    def _gallery(self, hands: HandRecords) -> None:
+        """Write `index.html`."""
+        by_image: dict[str | None, list[int]] = {}
+        for hand, image in enumerate(hands.images):
+            by_image.setdefault(image, []).append(hand)
+        entries = [
+            GalleryEntry(
+                image=row["image"],
+                overlay=row["overlay"] or None,
+                error=row["error"] or None,
+                hands=tuple(
+                    GalleryHand(
+                        side=hands.sides[hand],
+                        verdict=hands.verdicts[hand],
+                        reasons=hands.reasons[hand],
+                        residual=float(hands.residual[hand]),
+                    )
+                    for hand in by_image.get(row["image"], [])
+                ),
+            )
+            for row in self.rows
+        ]
+        write_gallery(self.folder, entries, "Reconstructed hands")
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers of images, of images that could not be processed, of hands, fitted and doubtful ones."""
+        hands = read_hands(self.folder / "hands.json")
+        verdicts = Counter(hands.verdicts)
+        return {
+            "images": len(self.rows),
+            "failed": sum(bool(row["error"]) for row in self.rows),
+            "hands": len(hands),
+            "fitted": len(hands) - verdicts["not fitted"],
+            "doubtful": verdicts["doubtful"],
+        }
+
+    def _report(self) -> None:
+        """Print the counts, on standard error."""
+        table = Table(title=str(self.folder), show_header=False)
+        table.add_column("what")
+        table.add_column("value", justify="right")
+        empty = sum(not row["error"] and int(row["hands"]) == 0 for row in self.rows)
+        for what, count in (*self.summary().items(), ("images without hands", empty)):
+            table.add_row(_MEANINGS.get(what, what), str(count))
+        console = Console(stderr=True)
+        console.print(table)
+        if self.options.overlays:
+            console.print(f"Look at them: {self.folder / 'index.html'}", soft_wrap=True)
+
+
+_MEANINGS: Final = {
+    "failed": "images that could not be processed",
+    "fitted": "fitted hands",
+    "doubtful": "doubtful hands, with the reasons in hands.json",
+}
+
+
+def write_jpeg(path: Path, image: np.ndarray) -> None:
+    """Write an RGB image as a JPEG file."""
+    # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
+    options = [cv2.IMWRITE_JPEG_QUALITY, 90]
+    path.write_bytes(
+        cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+    )
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def read_images_table(path: Path) -> list[dict[str, str]]:
+    """Rows of an `images.csv`, also of an unfinished one, whose last row may be cut off."""
+    if not path.is_file():
+        return []
+    text = path.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    return [row for row in csv.DictReader(whole.splitlines()) if None not in row.values()]

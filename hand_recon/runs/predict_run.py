@@ -1,0 +1,215 @@
+"""Finds the hands of photographs and reconstructs them: detector, fit, results (Sec. 3.2-3.4)."""
+
+import itertools
+import json
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from hand_recon.data.photos import photo_files
+from hand_recon.data.progress import with_progress
+from hand_recon.fitting.fitted_hands import FittedHands
+from hand_recon.fitting.hands_file import hand_entries
+from hand_recon.fitting.in_parts import PART, fit_part
+from hand_recon.fitting.photo_camera import parse_camera
+from hand_recon.fitting.records_of_fits import to_records
+from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
+from hand_recon.runs.looking import LookedAt, look_at_file, to_landmarks
+from hand_recon.runs.photo_results import PHOTO_PRODUCTS, PhotoResults
+from hand_recon.runs.unfinished import claim_or_resume, file_state, finish
+
+logger = logging.getLogger(__name__)
+
+PHOTOS_AT_ONCE: Final = 32
+"""Most photographs whose hands are fitted in one batch."""
+
+_NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "name"})
+
+
+def predict(config: DictConfig) -> dict[str, Any]:
+    """Reconstruct the hands of photographs.
+
+    Args:
+        config: `conf/predict.yaml` composed.
+
+    Returns:
+        Numbers of images, hands, doubtful hands and images that could not be processed.
+
+    Raises:
+        ValueError: There is no photograph; a photograph could not be read, no hand was fitted, or strict is
+            set and a hand is doubtful. Results of everything else are written then.
+    """
+    configure_process(config.threads)
+    files = photo_files(_inputs(config.input))
+    if not files:
+        raise ValueError(
+            f"No image in {', '.join(_inputs(config.input))}; expected photographs, or folders of them."
+        )
+    if config.json not in (None, "-"):
+        raise ValueError(
+            f"json={config.json} is not supported; json=- writes the hands to standard output, and "
+            "output=<folder> writes hands.json there."
+        )
+    stages = _Stages(adapted_to_data(config), files)
+    if config.json == "-" and config.output is None:
+        summary = _to_stream(stages)
+    else:
+        summary = _to_folder(stages, config)
+    _check(summary, strict=config.strict)
+    return summary
+
+
+def _inputs(given: object) -> list[str]:
+    return [given] if isinstance(given, str) else [str(one) for one in given]  # type: ignore[attr-defined]
+
+
+class _Stages:
+    """The detector and the fit of a command, and the photographs that they are run on."""
+
+    def __init__(self, config: DictConfig, files: Sequence[Path]) -> None:
+        self.files, self.names = list(files), photo_names(files)
+        self.camera = parse_camera(str(config.camera), len(files))
+        self.detector = build_detector(config)
+        self.hand = build_hand(config)
+        self.fitter = build_fitter(config, self.hand)
+        self.origin = source_of(config, self.hand, self.detector.name)
+
+    def looked_at(self, done: frozenset[str] = frozenset()) -> Iterator[LookedAt]:
+        """Find the hands of each photograph that is not done yet."""
+        numbered = [one for one in enumerate(self.files) if self.names[one[0]] not in done]
+        task = f"Reconstructing the hands of {len(numbered)} images"
+        for number, path in with_progress(numbered, len(numbered), task):
+            yield look_at_file(number, self.names[number], path, self.detector, self.camera)
+
+    def fitted(
+        self, done: frozenset[str] = frozenset()
+    ) -> Iterator[tuple[list[LookedAt], FittedHands | None]]:
+        """Find and fit the hands, some photographs at a time; None for a batch without hands."""
+        for batch in _batches(self.looked_at(done)):
+            if any(one.hands for one in batch):
+                landmarks, origins = to_landmarks(batch, self.origin)
+                yield batch, fit_part(landmarks, self.fitter, origins)
+            else:
+                yield batch, None
+
+
+def _batches(looked: Iterator[LookedAt]) -> Iterator[list[LookedAt]]:
+    """Group photographs so that a batch has about `PART` hands."""
+    batch: list[LookedAt] = []
+    for one in looked:
+        batch.append(one)
+        if len(batch) == PHOTOS_AT_ONCE or sum(len(each.hands) for each in batch) >= PART:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def build_detector(config: DictConfig) -> Any:  # noqa: ANN401  # a `Detector`
+    """Build the detector of a configuration, and say which landmarks it needs if it lacks them.
+
+    Raises:
+        ValueError: `detector=landmarks` without a file.
+    """
+    if config.detector.get("_target_") is not None:
+        return instantiate(config.detector)
+    from hand_recon.runs.landmark_lookup import FileLandmarks
+
+    return FileLandmarks.from_config(config.detector)
+
+
+def photo_names(files: Sequence[Path]) -> list[str]:
+    """Names of files in results: file names, or as much of the paths as makes them different."""
+    names = [path.name for path in files]
+    if len(set(names)) == len(names):
+        return names
+    absolute = [path.absolute() for path in files]
+    shared = Path(*itertools.takewhile(lambda _: True, _common([path.parent for path in absolute])))
+    return [path.relative_to(shared).as_posix() for path in absolute]
+
+
+def _common(folders: Sequence[Path]) -> list[str]:
+    levels = zip(*(folder.parts for folder in folders), strict=False)
+    return [level[0] for level in itertools.takewhile(lambda level: len(set(level)) == 1, levels)]
+
+
+def _to_stream(stages: _Stages) -> dict[str, Any]:
+    """Write the hands to standard output as a JSON list, a hand to a line."""
+    summary = _Summary()
+    separator = "["
+    for batch, part in stages.fitted():
+        records = None if part is None else to_records(part)
+        summary.add(batch, () if records is None else records.verdicts)
+        for entry in () if records is None else hand_entries(records):
+            line = json.dumps(entry, allow_nan=False, ensure_ascii=False)
+            sys.stdout.write(f"{separator}\n{line}")
+            separator = ","
+        sys.stdout.flush()
+    sys.stdout.write("[]\n" if separator == "[" else "\n]\n")
+    return summary.numbers()
+
+
+def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
+    """Write the hands and pictures of them to a folder, or go on in one that an interrupted run left."""
+    folder = Path(config.output or HydraConfig.get().runtime.output_dir).expanduser().absolute()
+    settings = {
+        "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
+        "images": [file_state(path) for path in stages.files],
+    }
+    goes_on = claim_or_resume(folder, (*PHOTO_PRODUCTS, "config.yaml"), settings)
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    logger.info("Reconstructing the hands of %d images into %s", len(stages.files), folder)
+    results = PhotoResults(folder, stages.hand.faces.numpy(), instantiate(config.results))
+    with results.writing(goes_on=goes_on) as done:
+        for batch, part in stages.fitted(frozenset(done)):
+            results.add(batch, part)
+    if config.json == "-":
+        sys.stdout.write((folder / "hands.json").read_text(encoding="utf-8"))
+    finish(folder)
+    return results.summary()
+
+
+class _Summary:
+    """Counts of images and hands."""
+
+    def __init__(self) -> None:
+        self.images = self.failed = self.hands = self.fitted = self.doubtful = 0
+
+    def add(self, batch: Sequence[LookedAt], verdicts: Sequence[str]) -> None:
+        """Add photographs and the verdicts on their hands."""
+        self.images += len(batch)
+        self.failed += sum(one.error is not None for one in batch)
+        self.hands += len(verdicts)
+        self.doubtful += list(verdicts).count("doubtful")
+        self.fitted += len(verdicts) - list(verdicts).count("not fitted")
+
+    def numbers(self) -> dict[str, Any]:
+        """The counts by name."""
+        return dict(vars(self))
+
+
+def _check(summary: dict[str, Any], *, strict: bool) -> None:
+    """Check that everything was processed, which is what status 0 stands for."""
+    images, hands, doubtful = (summary[key] for key in ("images", "hands", "doubtful"))
+    if summary["failed"]:
+        raise ValueError(
+            f"{summary['failed']} of {images} images could not be processed, for the reasons above; the "
+            "hands of the others are written."
+        )
+    if not summary["fitted"]:
+        raise ValueError(
+            f"No hand was fitted in {images} image(s). A hand that is there may be too small, cut off or "
+            "blurred; detector.min_palm_score=0.3 looks less strictly, and detector=whole takes each image "
+            "for one hand."
+        )
+    if strict and (doubtful or summary["fitted"] < hands):
+        raise ValueError(
+            f"{doubtful} of {hands} hands are doubtful and {hands - summary['fitted']} are not fitted, which "
+            "strict=true refuses; hands.json has the reason of each."
+        )

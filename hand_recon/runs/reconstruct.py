@@ -1,0 +1,114 @@
+"""Finds and reconstructs the hands of photographs: what `hand-recon predict` does, as a function."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from hand_recon.command_line.composing import composed
+from hand_recon.data.photos import Photo, read_photo
+from hand_recon.fitting.in_parts import PART, fit_part
+from hand_recon.fitting.photo_camera import CameraChoice, parse_camera
+from hand_recon.runs.configuration import build_hand
+from hand_recon.runs.fit_landmarks import check_overrides
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
+from hand_recon.runs.looking import LookedAt, look_at, photo_of_array, to_landmarks
+from hand_recon.runs.predict_run import build_detector, photo_names
+from hand_recon.runs.reconstructed_hands import ReconstructedHands, image_inputs
+
+COMMAND_ONLY: Final = frozenset(
+    {"camera", "input", "json", "name", "output", "results", "strict", "threads"}
+)
+"""Settings of `hand-recon predict` that `reconstruct` does not read."""
+
+
+def reconstruct(
+    images: Any,  # noqa: ANN401  # a file, an array, or several
+    *,
+    camera: Any = "auto",  # noqa: ANN401
+    overrides: Sequence[str] = (),
+) -> ReconstructedHands:
+    """Find the hands of photographs and reconstruct them with knowledge of hands (Sec. 3.2-3.4).
+
+    Args:
+        images: A file, an RGB array (height × width × 3, bytes), an image of Pillow, or a list of these.
+        camera: `auto` (EXIF's focal length, else assumed), `exif`, `assumed`, `fov=<degrees>`, a file of
+            camera matrices, or a matrix: 3 × 3, or one per image.
+        overrides: Settings of `hand-recon predict`, such as `detector=whole` or `detector.max_hands=1`.
+
+    Raises:
+        ValueError: An image cannot be read, or an argument is not as above.
+    """
+    check_overrides(overrides, COMMAND_ONLY, "reconstruct")
+    given = image_inputs(images)
+    photos = [_photo(one) for one in given]
+    names = _names(given)
+    choice = _camera(camera, len(photos))
+    with torch.inference_mode(False), torch.enable_grad():
+        config = adapted_to_data(composed("predict", ["input=[]", *overrides]))
+        hand = build_hand(config)
+        detector = _detector(tuple(overrides))
+        looked = [
+            look_at(number, name, photo, detector, choice)
+            for number, (name, photo) in enumerate(zip(names, photos, strict=True))
+        ]
+        _refuse_errors(looked)
+        landmarks, origins = to_landmarks(looked, source_of(config, hand, detector.name))
+        fitter = build_fitter(config, hand)
+        parts = tuple(
+            fit_part(part, fitter, origins[start : start + len(part)])
+            for start, part in zip(
+                range(0, len(landmarks), PART), landmarks.parts(PART), strict=True
+            )
+        )
+    owners = tuple(one.number for one in looked for _ in one.hands)
+    return ReconstructedHands(
+        parts, hand.faces.numpy(), tuple(photo.pixels for photo in photos), owners
+    )
+
+
+@lru_cache(maxsize=4)
+def _detector(overrides: tuple[str, ...]) -> Any:  # noqa: ANN401  # a `Detector`
+    """The detector of some settings, kept for the next call, because its networks take time to load."""
+    return build_detector(composed("predict", ["input=[]", *overrides]))
+
+
+def _photo(image: Any) -> Photo:  # noqa: ANN401
+    if isinstance(image, str | Path):
+        return read_photo(image)
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
+        raise ValueError(
+            f"An image has the shape {pixels.shape} and the type {pixels.dtype}; expected height × width × 3 "
+            "in bytes (uint8), RGB, or a file name."
+        )
+    return photo_of_array(pixels)
+
+
+def _names(given: Sequence[Any]) -> list[str]:
+    files = [one for one in given if isinstance(one, str | Path)]
+    named = iter(photo_names([Path(file) for file in files]))
+    return [
+        next(named) if isinstance(one, str | Path) else f"image {number}"
+        for number, one in enumerate(given)
+    ]
+
+
+def _camera(camera: Any, photos: int) -> CameraChoice:  # noqa: ANN401
+    if isinstance(camera, str | Path):
+        return parse_camera(str(camera), photos)
+    matrices = np.asarray(camera, dtype=np.float64)
+    if matrices.shape not in ((3, 3), (photos, 3, 3)):
+        raise ValueError(
+            f"camera has the shape {matrices.shape}; expected (3, 3) or ({photos}, 3, 3)."
+        )
+    return CameraChoice("file", matrices=np.broadcast_to(matrices, (photos, 3, 3)).copy())
+
+
+def _refuse_errors(looked: Sequence[LookedAt]) -> None:
+    for one in looked:
+        if one.error is not None:
+            raise ValueError(f"{one.name}: {one.error}")
