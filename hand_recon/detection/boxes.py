@@ -15,8 +15,11 @@ from hand_recon.detection.models import LANDMARKS
 from hand_recon.detection.regions import Region, region_of_image
 from hand_recon.detection.thresholds import Thresholds, to_hand
 
-MARGIN: Final = 1.4
+MARGIN: Final = 1.6
 """Side of the first square, in longer sides of the box (decision 54)."""
+
+WHOLE_MARGIN: Final = 1.2
+"""Side of the first square, in longer sides of the image (decision 54)."""
 
 
 class BoxDetector:
@@ -116,7 +119,7 @@ class WholeImageDetector:
         *,
         min_presence: float = 0.5,
         min_side: float = 20.0,
-        margin: float = 1.0,
+        margin: float = WHOLE_MARGIN,
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:
