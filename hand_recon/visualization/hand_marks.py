@@ -82,7 +82,7 @@ def draw_given(
             ends = _fixed(given[index] - 0.5), _fixed(found[index] - 0.5)
             cv2.line(canvas, *ends, _WHITE, thin, cv2.LINE_AA, _FRACTION_BITS)
         centre, radius = _fixed(given[index] - 0.5), round(2.5 * width * 2**_FRACTION_BITS)
-        for colour, ring in ((_WHITE, thin + 2), (_colour(index), thin)):
+        for colour, ring in ((_WHITE, thin + 1 + thin // 3), (_colour(index), thin)):
             cv2.circle(canvas, centre, radius, colour, ring, cv2.LINE_AA, _FRACTION_BITS)
 
 

@@ -26,15 +26,16 @@ from hand_recon.visualization.hand_marks import (
 
 logger = logging.getLogger(__name__)
 
-HAND_COLOURS: Final = {"right": BLUE, "left": (235.0, 160.0, 105.0)}
-"""RGB colour of the mesh by side: blue and orange, which also differ for colour-blind readers."""
+HAND_COLOURS: Final = {"right": BLUE, "left": (165.0, 205.0, 90.0)}
+"""RGB colour of the mesh by side: blue and green of different lightness, neither of them like skin."""
 
 LARGEST_DRAWING: Final = 4096
 """Longer side of the photograph in a drawing, pixels; larger photographs are scaled down."""
 
-_PANEL: Final = (128, 400)
+_PANEL: Final = (128, 1024)
+_LARGEST_RENDERED: Final = 400
 _MOST_PANELS: Final = 24
-_CAPTION: Final = 12
+_LEAST_CAPTION: Final = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +78,10 @@ class OverlayStyle:
     """True to draw the fitted landmarks."""
     panels: bool = True
     """True to draw each hand from the side and from above, beside the photograph."""
+    smallest: int = 1
+    """Longer side of the photograph in the drawing, pixels; smaller ones are enlarged by a whole number."""
     largest: int = LARGEST_DRAWING
-    """Longer side of the photograph in the drawing, pixels, if it is larger."""
+    """Longer side of the photograph in the drawing, pixels; larger ones are scaled down."""
 
 
 def draw_hands(
@@ -87,7 +90,7 @@ def draw_hands(
     faces: Int[np.ndarray, "face 3"],
     style: OverlayStyle | None = None,
 ) -> UInt8[np.ndarray, "drawn_height drawn_width 3"]:
-    """Draw hands on a copy of their photograph, in its own resolution up to `OverlayStyle.largest`.
+    """Draw hands on a copy of their photograph, in its own resolution within the style's limits.
 
     Meshes hide each other where one is nearer. Given landmarks are rings, fitted ones dots, ellipses are two
     σ. To the right of the photograph is each hand from the side and from above, for the first 12 hands. Hands
@@ -100,7 +103,7 @@ def draw_hands(
         style: Choices; without them, the defaults of `OverlayStyle`.
     """
     style = style or OverlayStyle()
-    canvas, scale = _canvas(pixels, style.largest)
+    canvas, scale = _canvas(pixels, style)
     drawn = [_scaled(hand, scale) for hand in hands if _can_be_drawn(hand)]
     height, width, _ = canvas.shape
     meshes = [
@@ -118,15 +121,23 @@ def draw_hands(
     return _with_panels(canvas, drawn, faces) if style.panels and drawn else canvas
 
 
-def _canvas(pixels: UInt8[np.ndarray, "_ _ 3"], largest: int) -> tuple[Canvas, float]:
-    """Copy a photograph, scaled down to a largest side, with the scale."""
+def _canvas(pixels: UInt8[np.ndarray, "_ _ 3"], style: OverlayStyle) -> tuple[Canvas, float]:
+    """Copy a photograph, enlarged or scaled down to the style's limits, with the scale."""
     height, width, _ = pixels.shape
-    scale = largest / max(height, width)
-    if scale >= 1:
+    longer = max(height, width)
+    if longer > style.largest:
+        scale = style.largest / longer
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        logger.info(
+            "The drawing of %d × %d pixels is scaled down to %d × %d.", width, height, *size
+        )
+        small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(small, dtype=np.uint8), scale
+    factor = max(1, min(math.ceil(style.smallest / longer), style.largest // longer))
+    if factor == 1:
         return np.array(pixels, order="C"), 1.0
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    logger.info("The drawing of %d × %d pixels is scaled down to %d × %d.", width, height, *size)
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
+    size = width * factor, height * factor
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_CUBIC), np.uint8), factor
 
 
 def _can_be_drawn(hand: DrawnHand) -> bool:
@@ -200,9 +211,15 @@ def _with_panels(
 def _views(hand: DrawnHand, faces: Int[np.ndarray, "face 3"], side: int) -> list[Canvas]:
     views = []
     for view, render in (("from the side", from_the_side), ("from above", from_above)):
-        panel = render(hand.vertices, faces, side, HAND_COLOURS[hand.side])
         words = ", ".join(word for word in (hand.label, hand.side, view) if word)
-        strip = text_strip(words, _CAPTION)[:side, :side]
-        panel[: strip.shape[0], : strip.shape[1]] = strip
+        strip = text_strip(words, max(_LEAST_CAPTION, side // 28))[:, :side]
+        height, width, _ = strip.shape
+        panel = np.full((side, side, 3), 255, dtype=np.uint8)
+        panel[:height, :width] = strip
+        room = side - height
+        colour = HAND_COLOURS[hand.side]
+        image = render(hand.vertices, faces, min(room, _LARGEST_RENDERED), colour)
+        image = np.asarray(cv2.resize(image, (room, room), interpolation=cv2.INTER_CUBIC))
+        panel[height:, height // 2 : height // 2 + room] = image
         views.append(panel)
     return views
