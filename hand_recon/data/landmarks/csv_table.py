@@ -172,7 +172,7 @@ def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
 
 def _landmarks(path: Path, cells: Sequence[str]) -> Int[np.ndarray, " row"]:
     """Numbers of landmarks given by number or by name."""
-    keys = [cell.strip().lower() for cell in cells]
+    keys = [cell.strip() for cell in cells]
     known = {str(number): number for number in range(21)}
     named = landmarks_of_names(key for key in dict.fromkeys(keys) if not key.isdigit())
     known |= {key: found.landmark for key, found in named.items()}

@@ -48,7 +48,7 @@ def parse_label_studio(path: Path, content: Any) -> ParsedHands:  # noqa: ANN401
             point = _labelled(reading, region, called)
             if point is not None:
                 points.append(point)
-                size = size or size_of(region)
+                size = size or _size(region)
         image = _image(task)
         images.append(LabelledImage(points, image or called, image, size))
     add_labelled(reading, images, _CURE)
@@ -95,7 +95,7 @@ def _labelled(reading: Reading, region: dict[str, Any], called: str) -> Labelled
         reading.left_out["regions that are no keypoints"] += 1
         return None
     where = f"keypoint {region.get('id', '')} of {called}"
-    size = size_of(region)
+    size = _size(region)
     if size is None:
         raise reading.error(where, region, "`original_width` and `original_height`")
     if region.get("image_rotation"):
@@ -109,6 +109,11 @@ def _labelled(reading: Reading, region: dict[str, Any], called: str) -> Labelled
     return LabelledPoint(
         label, (share[0] * size[0], share[1] * size[1]), "" if parent is None else f"{parent!s:.40}"
     )
+
+
+def _size(region: dict[str, Any]) -> tuple[float, float] | None:
+    # JSON-MIN has the point's own width beside the image's.
+    return size_of({key: region.get(f"original_{key}") for key in ("width", "height")})
 
 
 def _image(task: dict[str, Any]) -> str | None:

@@ -1,0 +1,291 @@
+"""Lists of points in other forms than one list of 21 points per hand, and files in other encodings."""
+
+import json
+import logging
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from hand_recon.data.landmarks.files import read_landmarks
+from hand_recon.data.landmarks.formats.whole_body import OPENXR, WEBXR
+from hand_recon.hand.skeleton import LANDMARKS
+from tests.support.landmark_writing import (
+    CAMERA,
+    POINTS,
+    SCORES,
+    assert_same_hands,
+    with_scores,
+    written,
+)
+from tests.support.tool_files import MEDIAPIPE_NAMES, bodies
+
+ANGLES: Final = np.linspace(-0.9, 0.9, 5)
+"""Directions of the fingers of a flat hand, radians from upwards."""
+
+FLAT_HAND: Final = np.array(
+    [[500.0, 800.0]]
+    + [
+        [500 + length * np.sin(angle), 800 - length * np.cos(angle)]
+        for angle in ANGLES
+        for length in (180.0, 260.0, 320.0, 370.0)
+    ]
+)
+"""Landmarks of a flat hand, pixels."""
+
+
+def xr_joints(hand: np.ndarray, joints: int) -> np.ndarray:
+    """A hand as a headset has it, with a palm (of 26) and the bases of four metacarpals."""
+    made = np.empty((joints, 2))
+    metacarpals = np.array([6, 11, 16, 21]) - (26 - joints)
+    made[metacarpals] = 0.8 * hand[0] + 0.2 * hand[[5, 9, 13, 17]]
+    if joints == 26:
+        made[0] = 0.5 * (hand[0] + hand[9])
+    made[list(OPENXR if joints == 26 else WEBXR)] = hand
+    return made
+
+
+def test_a_headsets_joints_are_palm_wrist_and_five_per_finger_but_four_for_the_thumb() -> None:
+    """XR_EXT_hand_tracking: metacarpal, proximal, intermediate, distal, tip; a thumb has no intermediate."""
+    fingers = [("index", 6), ("middle", 11), ("ring", 16), ("little", 21)]
+    joints = {1: "wrist", 2: "thumb CMC", 3: "thumb MCP", 4: "thumb IP", 5: "thumb tip"}
+    for finger, metacarpal in fingers:
+        for place, part in enumerate(("MCP", "PIP", "DIP", "tip"), start=1):
+            joints[metacarpal + place] = f"{finger} {part}"
+    assert [joints[joint] for joint in OPENXR] == list(LANDMARKS)
+    assert [joints[joint + 1] for joint in WEBXR] == list(LANDMARKS)
+
+
+@pytest.mark.parametrize(
+    ("joints", "words"), [(26, "OpenXR's 26 joints"), (25, "WebXR's 25 joints")]
+)
+def test_joints_of_a_headset_in_the_image_are_reduced_to_the_landmarks(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, joints: int, words: str
+) -> None:
+    hands = [xr_joints(FLAT_HAND, joints).tolist(), xr_joints(FLAT_HAND * 0.5, joints).tolist()]
+    with caplog.at_level(logging.INFO):
+        landmarks = read_landmarks(written(tmp_path, hands))
+    assert_same_hands(landmarks, np.stack([FLAT_HAND, FLAT_HAND * 0.5]))
+    assert f"hands of {words} (2); 2 right hands are read" in caplog.text
+
+
+@pytest.mark.parametrize("joints", [26, 25])
+def test_joints_of_a_headset_in_metres_are_refused_as_3d(tmp_path: Path, joints: int) -> None:
+    space = np.pad(xr_joints(FLAT_HAND / 4000, joints), ((0, 0), (0, 1)), constant_values=-0.4)
+    with pytest.raises(
+        ValueError, match=rf"{joints} joints in metres, which are 3D points.*Project"
+    ):
+        read_landmarks(written(tmp_path, [space.tolist()]))
+
+
+def test_26_points_that_are_21_and_5_others_are_refused(tmp_path: Path) -> None:
+    points = np.concatenate([FLAT_HAND, FLAT_HAND[:5]])
+    with pytest.raises(
+        ValueError, match=r"has 26 points, expected 21.*\[1, 2, 3, 4, 5, 7.*Keep 21"
+    ):
+        read_landmarks(written(tmp_path, [points.tolist()]))
+
+
+@pytest.mark.parametrize(
+    ("count", "cure"),
+    [
+        (17, "17 keypoints of a body have no hands"),
+        (20, "write null for it in front"),
+        (42, "two lists of 21"),
+        (24, "Oculus's 24 bones"),
+    ],
+)
+def test_known_numbers_of_points_have_a_cure_of_their_own(
+    tmp_path: Path, count: int, cure: str
+) -> None:
+    hand = np.random.default_rng(3).uniform(5, 900, (count, 2)).tolist()
+    with pytest.raises(ValueError, match=rf"has {count} points, expected 21 in FreiHAND's.*{cure}"):
+        read_landmarks(written(tmp_path, [hand]))
+
+
+def test_frames_may_have_any_number_of_hands(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    hands = with_scores()
+    with caplog.at_level(logging.INFO):
+        landmarks = read_landmarks(written(tmp_path, [[], hands[:2], [None, hands[2]], []]))
+    found = landmarks.usable.tolist()
+    assert found == [True, True, False, True]
+    assert landmarks.names == (
+        "frame 1, hand 0",
+        "frame 1, hand 1",
+        "frame 2, hand 0",
+        "frame 2, hand 1",
+    )
+    assert_same_hands(landmarks.select(landmarks.usable))
+    assert "lists of hands for each frame; 4 right hands are read" in caplog.text
+
+
+def test_json_lines_of_hands_frames_and_objects_are_read(tmp_path: Path) -> None:
+    hands = POINTS.tolist()
+    lines = [[json.dumps(hand) for hand in hands]]
+    lines += [[json.dumps(frame) for frame in (hands[:2], hands[2:])]]
+    lines += [[json.dumps({"landmarks": hand, "side": "right"}) for hand in hands]]
+    for content in lines:
+        assert_same_hands(read_landmarks(written(tmp_path, "\n".join(content) + "\n\n", "a.jsonl")))
+
+
+def test_an_error_in_json_lines_says_that_they_were_read_as_such(tmp_path: Path) -> None:
+    text = f'{{"landmarks": {POINTS[0].tolist()}}}\n{{"landmarks": [[1, 2]]}}'
+    with pytest.raises(ValueError, match=r"hand 1 .* has 1 points.*read as JSON lines"):
+        read_landmarks(written(tmp_path, text, "a.jsonl"))
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
+)
+def test_text_may_be_in_any_unicode_encoding(tmp_path: Path, encoding: str) -> None:
+    content = json.dumps([{"landmarks": POINTS[0].tolist(), "name": "Hände"}], ensure_ascii=False)
+    path = tmp_path / "a.json"
+    path.write_bytes(content.encode(encoding))
+    landmarks = read_landmarks(path)
+    assert_same_hands(landmarks, POINTS[:1])
+    assert landmarks.names == ("Hände",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x89HDF\r\n\x1a\n", "HDF5.*DeepLabCut's, write it as CSV.*to_csv"),
+        (b"PK\x03\x04", "zip archive. Unpack it"),
+        (b"\x80\x04\x95", "a pickle. Write its landmarks as JSON"),
+        (b"\xff\xd8\xff\xe0", "not text: it is a JPEG image"),
+        (b"\x00\x00\x00\x18ftypisom", "not text: it is a video"),
+        (b'{"a": "\xff"}', "is not text"),
+        (b"\xff\xfe\x00", "is not text"),
+    ],
+)
+def test_files_of_other_kinds_are_named_with_their_cure(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_landmarks(path)
+
+
+def test_an_array_of_numpy_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    for array in (POINTS, POINTS.astype(np.float32).astype(np.float64), np.array(with_scores())):
+        np.save(path, array)
+        assert_same_hands(read_landmarks(path), array[..., :2])
+    np.save(path, POINTS[0])
+    assert_same_hands(read_landmarks(path), POINTS[:1])
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (np.zeros((3, 20, 2)), "holds 3 × 20 × 2 values of type float64; expected numbers"),
+        (np.array([["a"]]), "of type <U1"),
+        (np.array([None]), "not a whole .npy file"),
+    ],
+)
+def test_other_arrays_are_refused(tmp_path: Path, array: np.ndarray, message: str) -> None:
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(ValueError, match=message):
+        read_landmarks(tmp_path / "a.npy")
+
+
+def test_a_body_without_a_left_hand_has_a_right_one(tmp_path: Path) -> None:
+    landmarks = read_landmarks(written(tmp_path, bodies(136, 94)[1:].tolist()))
+    assert_same_hands(landmarks, POINTS[2:])
+    assert landmarks.names == ("0 right",)
+    assert landmarks.left.tolist() == [False]
+
+
+def test_points_may_be_objects_with_x_and_y(tmp_path: Path) -> None:
+    hands = [
+        [{"x": u, "y": v, "z": 0.5, "score": score} for u, v, score in hand]
+        for hand in with_scores()
+    ]
+    hands[0][4] = None  # type: ignore[call-overload]
+    landmarks = read_landmarks(written(tmp_path, hands))
+    expected = POINTS.copy()
+    expected[0, 4] = np.nan
+    assert_same_hands(landmarks, expected)
+    assert landmarks.confidence is not None
+    np.testing.assert_array_equal(landmarks.confidence[1:].numpy(), SCORES[1:])
+
+
+@pytest.mark.parametrize("names", [LANDMARKS, MEDIAPIPE_NAMES])
+def test_points_may_be_named(tmp_path: Path, names: tuple[str, ...]) -> None:
+    shuffled = [7, *range(7), *range(8, 21)]
+    hands = [
+        {names[landmark]: hand[landmark].tolist() for landmark in shuffled} | {"side": side}
+        for hand, side in zip(POINTS, ("left", "right", "right"), strict=True)
+    ]
+    landmarks = read_landmarks(written(tmp_path, hands))
+    assert_same_hands(landmarks)
+    assert landmarks.left.tolist() == [True, False, False]
+    inside = [{"landmarks": {name: hand[name] for name in names}} for hand in hands]
+    assert_same_hands(read_landmarks(written(tmp_path, inside)))
+
+
+def test_named_points_of_two_sides_are_two_hands(tmp_path: Path) -> None:
+    both = {
+        f"{side}_{name}": hand[landmark].tolist()
+        for side, hand in (("left", POINTS[0]), ("right", POINTS[1]))
+        for landmark, name in enumerate(LANDMARKS)
+    }
+    landmarks = read_landmarks(written(tmp_path, both))
+    assert_same_hands(landmarks, POINTS[:2])
+    assert landmarks.left.tolist() == [True, False]
+
+
+def test_hands_may_be_listed_by_image_or_by_side(tmp_path: Path) -> None:
+    hands = POINTS.tolist()
+    landmarks = read_landmarks(written(tmp_path, {"a.jpg": hands[0], "b.jpg": hands[1:]}))
+    assert_same_hands(landmarks)
+    assert landmarks.images == (tmp_path / "a.jpg", *(tmp_path / "b.jpg",) * 2)
+    landmarks = read_landmarks(written(tmp_path, {"Left": hands[0], "Right": [hands[1], hands[2]]}))
+    assert_same_hands(landmarks)
+    assert landmarks.left.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize("sigma", ["sigma", "sigma_2d"])
+@pytest.mark.parametrize(
+    ("cameras", "known"),
+    [
+        ([{"source": "given"}, {"source": "EXIF"}], True),
+        ([{"known": True}, {"known": True}], True),
+        ([{"source": "given"}, {"source": "assumed"}], False),
+        ([{"known": False}, {"known": False}], False),
+    ],
+)
+def test_reconstructed_hands_are_landmarks_with_the_cameras_that_were_given(
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    sigma: str,
+    cameras: list[dict[str, Any]],
+    known: bool,
+) -> None:
+    hands = [
+        {
+            "image": "a.jpg", "name": f"hand {number}", "side": "left", "verdict": "plausible", "reasons": [],
+            "landmarks_3d": [[0.0, 0.0, 0.5]] * 21, "landmarks_2d": POINTS[number].tolist(),
+            sigma: [[3.0, 4.0]] * 21, "joint_angles_degrees": {}, "loss": {},
+            "camera": {"intrinsics": CAMERA, "image_size": None, **camera},
+        }
+        for number, camera in enumerate(cameras)
+    ]  # fmt: skip
+    hands.append(
+        {**hands[0], "name": "not fitted", "landmarks_2d": None, sigma: None, "camera": None}
+    )
+    with caplog.at_level(logging.INFO):
+        landmarks = read_landmarks(written(tmp_path, hands, "hands.json"))
+    assert_same_hands(landmarks.select(slice(0, 2)), POINTS[:2])
+    assert landmarks.usable.tolist() == [True, True, False]
+    assert landmarks.left.all()
+    assert landmarks.sigma is not None
+    # The root mean square of 3 and 4 pixels.
+    np.testing.assert_allclose(landmarks.sigma[:2].numpy(), 12.5**0.5)
+    assert (landmarks.intrinsics is not None) == known
+    assert "projections of reconstructed hands; 3 left hands are read" in caplog.text
+    assert "are not read; known are" not in caplog.text

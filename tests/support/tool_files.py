@@ -1,0 +1,339 @@
+"""The same three hands, one left and two right, in the files of detectors and annotation tools."""
+
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from hand_recon.hand.skeleton import LANDMARKS
+from tests.support.landmark_writing import POINTS, SCORES, coco_hand
+
+SIDES: Final = ("left", "right", "right")
+SIZE: Final = (2000, 2000)
+
+MEDIAPIPE_NAMES: Final = tuple(
+    name.upper().replace(" ", "_FINGER_" if finger else "_").replace("LITTLE_FINGER", "PINKY")
+    for number, name in enumerate(LANDMARKS)
+    for finger in [number > 4]
+)
+
+
+@dataclass(frozen=True)
+class ToolFile:
+    """A file of the three hands."""
+
+    tool: str
+    content: str | bytes
+    has_sides: bool = True
+    has_scores: bool = False
+    in_shares: bool = False
+    name: str = "landmarks.json"
+
+
+def flat(hand: int) -> list[float]:
+    """u, v and score of each landmark in one list."""
+    numbers: list[float] = np.concatenate([POINTS[hand], SCORES[hand][:, None]], 1).ravel().tolist()
+    return numbers
+
+
+def people() -> list[dict[str, Any]]:
+    """The left and the first right hand as one person's, the other right hand as another's."""
+    empty = [0] * 63
+    return [
+        {
+            "person_id": [-1], "pose_keypoints_2d": [1.0] * 75, "face_keypoints_2d": [],
+            "hand_left_keypoints_2d": flat(0), "hand_right_keypoints_2d": flat(1),
+        },
+        {
+            "person_id": [-1], "pose_keypoints_2d": [0] * 75, "face_keypoints_2d": [],
+            "hand_left_keypoints_2d": empty, "hand_right_keypoints_2d": flat(2),
+        },
+    ]  # fmt: skip
+
+
+def bodies(keypoints: int, first: int) -> np.ndarray:
+    """Two bodies of so many keypoints with scores, the hands at their place; the second has no left hand."""
+    made = np.zeros((2, keypoints, 3))
+    made[:, :17] = 7.0, 8.0, 0.5
+    for body, hand in ((0, 0), (0, 1), (1, 2)):
+        start = first + 21 * (hand > 0)
+        made[body, start : start + 21] = np.reshape(flat(hand), (21, 3))
+    return made
+
+
+def mmpose_instances() -> list[dict[str, Any]]:
+    return [
+        {
+            "keypoints": POINTS[hand].tolist(), "keypoint_scores": SCORES[hand].tolist(),
+            "bbox": [[0, 0, 9, 9]], "bbox_score": 1.0, "label": f"{SIDES[hand]}_hand",
+        }
+        for hand in range(3)
+    ]  # fmt: skip
+
+
+def mmpose_bodies() -> list[dict[str, Any]]:
+    return [
+        {"keypoints": body[:, :2].tolist(), "keypoint_scores": body[:, 2].tolist()}
+        for body in bodies(133, 91)
+    ]
+
+
+def mediapipe(index_of_right: int | None, spelling: str = "categoryName") -> dict[str, Any]:
+    """A result of the hand landmarker; the index of the category `Right` as a version writes it."""
+    categories = []
+    for side in SIDES:
+        category: dict[str, Any] = {spelling: side.capitalize(), "score": 0.98}
+        if index_of_right is not None:
+            category["index"] = index_of_right if side == "right" else 1 - index_of_right
+        categories.append([category])
+    return {
+        "handedness": categories,
+        "landmarks": [normalised(hand) for hand in range(3)],
+        "worldLandmarks": [[{"x": 0.0, "y": 0.01, "z": 0.02}] * 21] * 3,
+    }
+
+
+def normalised(hand: int) -> list[dict[str, float]]:
+    """Landmarks as MediaPipe has them: shares of the image's size, and a depth."""
+    return [
+        {"x": u / SIZE[0], "y": v / SIZE[1], "z": -0.02, "visibility": 0.0, "presence": 0.0}
+        for u, v in POINTS[hand].tolist()
+    ]
+
+
+def labelme(hands: range = range(3)) -> dict[str, Any]:
+    return {
+        "version": "5.4", "flags": {}, "imagePath": "a.jpg", "imageWidth": SIZE[0], "imageHeight": SIZE[1],
+        "shapes": [
+            {
+                "label": f"{SIDES[hand]} {name}", "points": [POINTS[hand, landmark].tolist()],
+                "group_id": hand, "shape_type": "point", "flags": {},
+            }
+            for hand in hands for landmark, name in enumerate(LANDMARKS)
+        ],
+    }  # fmt: skip
+
+
+def label_studio_task(hand: int) -> dict[str, Any]:
+    regions = [
+        {
+            "original_width": SIZE[0], "original_height": SIZE[1], "image_rotation": 0, "id": f"k{landmark}",
+            "type": "keypointlabels", "from_name": "kp", "to_name": "img",
+            "value": {
+                "x": 100 * POINTS[hand, landmark, 0] / SIZE[0],
+                "y": 100 * POINTS[hand, landmark, 1] / SIZE[1],
+                "width": 0.5, "keypointlabels": [f"{SIDES[hand]} {name}"],
+            },
+        }
+        for landmark, name in enumerate(LANDMARKS)
+    ]  # fmt: skip
+    return {
+        "id": hand,
+        "data": {"image": f"/data/upload/1/{hand}.jpg"},
+        "annotations": [{"id": 1, "result": regions}],
+    }
+
+
+def label_studio_short(hand: int) -> dict[str, Any]:
+    task = label_studio_task(hand)
+    regions = [
+        {**region["value"], **{key: region[key] for key in ("original_width", "original_height")}}
+        for region in task["annotations"][0]["result"]
+    ]
+    return {"id": hand, "image": task["data"]["image"], "kp": regions}
+
+
+def cvat_images() -> str:
+    skeletons = "".join(
+        f'<image id="{hand}" name="{hand}.jpg" width="{SIZE[0]}" height="{SIZE[1]}">'
+        f'<skeleton label="{SIDES[hand]} hand" source="manual" z_order="0">'
+        + "".join(
+            f'<points label="{landmark + 1}" source="manual" outside="0" occluded="0" '
+            f'points="{u},{v}"></points>'
+            for landmark, (u, v) in enumerate(POINTS[hand].tolist())
+        )
+        + "</skeleton></image>"
+        for hand in range(3)
+    )
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<annotations>{skeletons}</annotations>'
+
+
+def cvat_video() -> str:
+    tracks = "".join(
+        f'<track id="{hand}" label="{SIDES[hand]} hand">'
+        f'<points frame="4" outside="0" occluded="0" keyframe="1" points="'
+        + ";".join(f"{u},{v}" for u, v in POINTS[hand].tolist())
+        + '"></points><points frame="5" outside="1" points="1,2"></points></track>'
+        for hand in range(3)
+    )
+    return f"<annotations><version>1.1</version>{tracks}</annotations>"
+
+
+def deeplabcut() -> str:
+    """A table of one frame with three individuals."""
+    columns = [
+        (f"{side} {number}", name, coordinate)
+        for number, side in enumerate(SIDES)
+        for name in LANDMARKS
+        for coordinate in ("x", "y", "likelihood")
+    ]
+    head = [
+        ["scorer", *("DLC" for _ in columns)],
+        ["individuals", *(column[0] for column in columns)],
+        ["bodyparts", *(column[1] for column in columns)],
+        ["coords", *(column[2] for column in columns)],
+    ]
+    numbers = [str(number) for hand in range(3) for number in flat(hand)]
+    return "\n".join(",".join(row) for row in [*head, ["7", *numbers]])
+
+
+def named_columns() -> str:
+    """A row per hand, with columns such as `index_finger_mcp_x`."""
+    titles = [
+        f"{name.lower()}_{letter}" for name in MEDIAPIPE_NAMES for letter in ("x", "y", "score")
+    ]
+    rows = [[SIDES[hand], *map(str, flat(hand))] for hand in range(3)]
+    return "\n".join(",".join(row) for row in [["side", *titles], *rows])
+
+
+def cvat_coco() -> dict[str, Any]:
+    """CVAT's export of COCO keypoints, whose order is alphabetical."""
+    order = sorted(range(21), key=lambda landmark: LANDMARKS[landmark].lower())
+    return {
+        "images": [{"id": 1, "file_name": "a.jpg", "width": SIZE[0], "height": SIZE[1]}],
+        "categories": [
+            {"id": 1 + hand, "name": f"{SIDES[hand]}_hand", "keypoints": [LANDMARKS[n] for n in order]}
+            for hand in range(3)
+        ],
+        "annotations": [
+            {
+                "id": hand, "image_id": 1, "category_id": 1 + hand,
+                "keypoints": coco_hand(POINTS[hand][order], np.full(21, 2)),
+            }
+            for hand in range(3)
+        ],
+    }  # fmt: skip
+
+
+def pose_file(version: float = 0.2, dimensions: int = 3) -> bytes:
+    """A file of pose-format: two frames of one person with a left and a right hand and a body's point."""
+
+    def string(text: str) -> bytes:
+        return struct.pack("<H", len(text)) + text.encode()
+
+    form = "XYZC" if dimensions == 3 else "XYC"
+    parts = [
+        ("POSE_LANDMARKS", ["NOSE"]),
+        *((f"{side}_HAND_LANDMARKS", MEDIAPIPE_NAMES) for side in ("LEFT", "RIGHT")),
+    ]
+    header = struct.pack("<fHHHH", version, *SIZE, 0, len(parts))
+    for name, points in parts:
+        header += string(name) + string(form) + struct.pack("<HHH", len(points), 1, 1)
+        header += b"".join(map(string, points)) + struct.pack("<HHHHH", 0, 0, 255, 0, 0)
+    coordinates = np.zeros((2, 1, 43, dimensions), dtype="<f4")
+    coordinates[0, 0, 1:, :2] = POINTS[:2].reshape(42, 2)
+    coordinates[1, 0, 22:, :2] = POINTS[2]
+    found = np.zeros((2, 1, 43), dtype="<f4")
+    found[0, 0, :] = 1
+    found[1, 0, 22:] = 1
+    counts = struct.pack("<HHH", 25, 2, 1) if version < 0.15 else struct.pack("<fIH", 25.0, 2, 1)
+    return header + counts + coordinates.tobytes() + found.tobytes()
+
+
+def _file(tool: str, content: object, **about: Any) -> ToolFile:  # noqa: ANN401
+    return ToolFile(
+        tool, content if isinstance(content, str | bytes) else json.dumps(content), **about
+    )
+
+
+def _files() -> dict[str, ToolFile]:
+    instances = mmpose_instances()
+    halpe = [{"image_id": "a.jpg", "keypoints": body.ravel().tolist()} for body in bodies(136, 94)]
+    lines = "\n".join(json.dumps(_one_hand(hand)) for hand in range(3))
+    frames = [
+        {"frame_id": 3, "instances": instances[:2]},
+        {"frame_id": 4, "instances": instances[2:]},
+    ]
+    openpose_lines = "\n".join(
+        json.dumps({"version": 1.3, "people": [person]}) for person in people()
+    )
+    whole = {"has_scores": True}
+    no_sides = {"has_sides": False}
+    shares = {"in_shares": True}
+    table = {"name": "landmarks.csv"}
+    return {
+        "openpose": _file("OpenPose", {"version": 1.3, "people": people()}, **whole),
+        "openpose lines": _file("OpenPose", openpose_lines, **whole),
+        "mmpose image": _file("mmpose", instances, **whole),
+        "mmpose nested": _file("mmpose", [instances], **whole),
+        "mmpose predictions": _file("mmpose", {"predictions": [instances]}, **whole),
+        "mmpose frames": _file("mmpose", frames, **whole),
+        "mmpose instance_info": _file("mmpose", {"meta_info": {}, "instance_info": frames}, **whole),
+        "mmpose bodies": _file("mmpose", mmpose_bodies(), **whole),
+        "halpe": _file("COCO", halpe, **whole),
+        "body lists": _file("lists of hands", bodies(133, 91).tolist(), **whole),
+        "tasks": _file("MediaPipe", mediapipe(0), **shares),
+        "tasks in python": _file(
+            "MediaPipe",
+            {("hand_" + k if k == "landmarks" else k): v for k, v in mediapipe(0, "category_name").items()},
+            **shares,
+        ),
+        "tasks without index": _file("MediaPipe", mediapipe(None), **shares),
+        "tasks lines": _file("MediaPipe", lines, **shares),
+        "holistic": _file("MediaPipe", _holistic(), **shares),
+        "tensorflow.js": _file("MediaPipe", _tensorflow_js()),
+        "labelme": _file("LabelMe", labelme()),
+        "label studio": _file("Label Studio", [label_studio_task(hand) for hand in range(3)]),
+        "label studio min": _file("Label Studio", [label_studio_short(hand) for hand in range(3)]),
+        "cvat": _file("CVAT", cvat_images(), name="annotations.xml"),
+        "cvat video": _file("CVAT", cvat_video(), name="annotations.xml"),
+        "cvat coco": _file("COCO", cvat_coco()),
+        "deeplabcut": _file("DeepLabCut", deeplabcut(), **table, **whole),
+        "named columns": _file("named landmarks", named_columns(), **table, **whole),
+        "pose 0.2": _file(".pose", pose_file(0.2), name="a.pose"),
+        "pose 0.1": _file(".pose", pose_file(0.1, 2), name="a.pose"),
+        "frames": _file("lists of hands", [POINTS[:2].tolist(), [], POINTS[2:].tolist()], **no_sides),
+    }  # fmt: skip
+
+
+def _one_hand(hand: int) -> dict[str, Any]:
+    whole = mediapipe(0)
+    return {
+        "timestamp": 40 * hand,
+        "landmarks": [whole["landmarks"][hand]],
+        "handedness": [whole["handedness"][hand]],
+    }
+
+
+def _holistic() -> list[dict[str, Any]]:
+    return [
+        {"left_hand_landmarks": normalised(0), "right_hand_landmarks": normalised(1)},
+        {"left_hand_landmarks": [], "right_hand_landmarks": normalised(2)},
+    ]
+
+
+def _tensorflow_js() -> list[dict[str, Any]]:
+    return [
+        {
+            "score": 0.9, "handedness": SIDES[hand].capitalize(),
+            "keypoints": [
+                {"x": u, "y": v, "name": name.lower()}
+                for (u, v), name in zip(POINTS[hand].tolist(), MEDIAPIPE_NAMES, strict=True)
+            ],
+        }
+        for hand in range(3)
+    ]  # fmt: skip
+
+
+FILES: Final = _files()
+"""Files of all tools by the name of the form."""
+
+JSON_FILES: Final[dict[str, Callable[[], Any]]] = {
+    name: lambda content=file.content: json.loads(content)
+    for name, file in FILES.items()
+    if isinstance(file.content, str) and "lines" not in name and file.name.endswith(".json")
+}
+"""Contents of the JSON files, made anew at each call."""
