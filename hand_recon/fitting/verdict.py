@@ -63,23 +63,35 @@ def verdicts(
             f"Found {len(image_sizes)} image sizes for {len(hands)} hands; expected one for each, None "
             "where it is unknown."
         )
-    sizes = image_sizes or [None] * len(hands)
-    fit = residual_doubts(hands) + anatomy_doubts(hands)
-    suspects = sorted({hand for found in fit for hand in found})
-    found = [
-        *landmark_doubts(hands),
-        *camera_doubts(hands, sizes),
-        *fit,
-        *order_doubts(hands, suspects),
-    ]
+    found = list(doubts(hands, image_sizes or [None] * len(hands)).values())
     return [
         _judged(hand, found) if fitted else Verdict(NOT_FITTED, (_missing_result(hands, hand),))
         for hand, fitted in enumerate(hands.fitted.tolist())
     ]
 
 
+def doubts(hands: FittedHands, image_sizes: Sequence[tuple[int, int] | None]) -> dict[str, Reasons]:
+    """Run all checks.
+
+    Args:
+        hands: Hands as they were fitted; sentences on hands without a result mean nothing.
+        image_sizes: Width and height of each hand's image, pixels; None where unknown.
+
+    Returns:
+        Reasons by the check's name, those of the input before those of the fit.
+    """
+    of_the_fit = residual_doubts(hands) | anatomy_doubts(hands)
+    suspects = sorted({hand for found in of_the_fit.values() for hand in found})
+    return {
+        **landmark_doubts(hands),
+        **camera_doubts(hands, image_sizes),
+        **of_the_fit,
+        **order_doubts(hands, suspects),
+    }
+
+
 def _judged(hand: int, found: list[Reasons]) -> Verdict:
-    reasons = tuple(doubts[hand] for doubts in found if hand in doubts)
+    reasons = tuple(some[hand] for some in found if hand in some)
     return Verdict(DOUBTFUL if reasons else PLAUSIBLE, reasons)
 
 

@@ -28,13 +28,13 @@ DEEPEST: Final = 0.008
 """Greatest depth of a vertex inside another part of the hand, metres."""
 
 
-def anatomy_doubts(hands: FittedHands) -> list[Reasons]:
+def anatomy_doubts(hands: FittedHands) -> dict[str, Reasons]:
     """Check shape, length, ranges of motion and penetration."""
     shape = hands.prediction.parameters.shape.abs().amax(dim=1)
     length = hand_lengths(hands.prediction.landmarks_3d)
     shortest, longest = HAND_LENGTHS
-    return [
-        reasons(
+    return {
+        "shape": reasons(
             shape > GREATEST_SHAPE,
             lambda hand: (
                 f"The shape is {float(shape[hand]):.1f} standard deviations from the mean hand, expected "
@@ -42,16 +42,16 @@ def anatomy_doubts(hands: FittedHands) -> list[Reasons]:
                 "have one scale."
             ),
         ),
-        reasons(
+        "length": reasons(
             (length < shortest) | (length > longest),
             lambda hand: (
                 f"The hand is {100 * float(length[hand]):.1f} cm long, expected {100 * shortest:.0f} to "
                 f"{100 * longest:.0f} cm: check the order of the landmarks and the camera."
             ),
         ),
-        _range_doubts(hands),
-        _penetration_doubts(hands),
-    ]  # fmt: skip
+        "range of motion": _range_doubts(hands),
+        "penetration": _penetration_doubts(hands),
+    }
 
 
 def hand_lengths(landmarks: Float[Tensor, "hand landmark=21 3"]) -> Float[Tensor, " hand"]:
@@ -88,7 +88,9 @@ def _open_surface() -> NonPenetration:
 
 def _penetration_doubts(hands: FittedHands) -> Reasons:
     """Find open hands that penetrate themselves; where the loss says that none does, nothing is computed."""
-    suspects = hands.fitted & torch.tensor([one.hand_model == "open" for one in hands.origins])
+    suspects = hands.fitted & torch.tensor(
+        [one.hand_model == "open" for one in hands.origins], dtype=torch.bool
+    )
     if "non_penetration" in hands.loss:
         suspects &= hands.loss["non_penetration"] > 0
     depth = torch.zeros(len(hands))

@@ -33,7 +33,7 @@ GREATEST_ASPECT: Final = 1.2
 
 def camera_doubts(
     hands: FittedHands, image_sizes: Sequence[tuple[int, int] | None]
-) -> list[Reasons]:
+) -> dict[str, Reasons]:
     """Check cameras, and that landmarks are inside the image.
 
     Args:
@@ -44,18 +44,18 @@ def camera_doubts(
         [(torch.nan, torch.nan) if size is None else size for size in image_sizes],
         dtype=torch.float64,
     ).reshape(-1, 2)
-    found = [_outside(hands, sizes)]
+    found = {"outside the image": _outside(hands, sizes)}
     if hands.observed.intrinsics is not None:
         matrices = hands.observed.intrinsics.double()
-        found += [*_matrix_doubts(matrices, sizes), *_position_doubts(hands, matrices)]
+        found |= _matrix_doubts(matrices, sizes) | _position_doubts(hands, matrices)
     return found
 
 
 def _outside(hands: FittedHands, sizes: Float[Tensor, "hand 2"]) -> Reasons:
     """Find hands with most of their landmarks outside the image."""
     points, labelled = hands.observed.landmarks_2d, hands.observed.labelled
-    outside = ((points < 0) | (points > sizes[:, None])).any(dim=-1) & labelled
-    count = outside.sum(dim=1)
+    outside = ((points < 0) | (points > sizes[:, None])).any(dim=-1)
+    count = (outside & labelled & sizes.isfinite().all(dim=1, keepdim=True)).sum(dim=1)
     return reasons(
         2 * count > labelled.sum(dim=1),
         lambda hand: (
@@ -68,7 +68,7 @@ def _outside(hands: FittedHands, sizes: Float[Tensor, "hand 2"]) -> Reasons:
 
 def _matrix_doubts(
     matrices: Float[Tensor, "hand 3 3"], sizes: Float[Tensor, "hand 2"]
-) -> list[Reasons]:
+) -> dict[str, Reasons]:
     """Compare camera matrices with the size of their images."""
     focal, centre = matrices[:, [0, 1], [0, 1]], matrices[:, :2, 2]
     longer = sizes.amax(dim=1)
@@ -77,9 +77,9 @@ def _matrix_doubts(
     share = centre / (sizes / 2)
     alike = (share[:, 0] - share[:, 1]).abs() <= SAME_SHARE * share.mean(dim=1)
     scaled = ((share < OTHER_SIZE[0]) | (share > OTHER_SIZE[1])).all(dim=1) & alike
-    outside = ((centre < 0) | (centre > sizes)).any(dim=1) & ~scaled
-    return [
-        reasons(
+    outside = ((centre < 0) | (centre > sizes)).any(dim=1) & ~scaled & longer.isfinite()
+    return {
+        "focal length": reasons(
             (relative < FOCAL_LENGTHS[0]) | (relative > FOCAL_LENGTHS[1]),
             lambda hand: (
                 f"The focal length is {float(focal[hand].mean()):.3g} pixels for an image of "
@@ -87,31 +87,31 @@ def _matrix_doubts(
                 "longer side: give the camera matrix in pixels of the image."
             ),
         ),
-        reasons(
+        "other image size": reasons(
             scaled,
             lambda hand: (
                 f"The principal point is the centre of an image of {_size(2 * centre[hand])}, and this image "
                 f"has {_size(sizes[hand])} pixels: scale the camera matrix to the image."
             ),
         ),
-        reasons(
+        "principal point": reasons(
             outside,
             lambda hand: (
                 f"The principal point {_point(centre[hand])} is outside the image of {_size(sizes[hand])} "
                 "pixels: give the camera matrix in pixels of this image."
             ),
         ),
-        reasons(
+        "aspect": reasons(
             aspect > GREATEST_ASPECT,
             lambda hand: (
                 f"The focal lengths {_point(focal[hand])} differ by a factor of {float(aspect[hand]):.2f}, "
                 f"expected at most {GREATEST_ASPECT}: check that both are in pixels of the image."
             ),
         ),
-    ]  # fmt: skip
+    }
 
 
-def _position_doubts(hands: FittedHands, matrices: Float[Tensor, "hand 3 3"]) -> list[Reasons]:
+def _position_doubts(hands: FittedHands, matrices: Float[Tensor, "hand 3 3"]) -> dict[str, Reasons]:
     """Check the direction and the depth of hands before known cameras."""
     low, high = boxes(hands.observed)
     middle = torch.cat([(low + high) / 2, torch.ones_like(low[:, :1])], dim=1).double()
@@ -119,15 +119,15 @@ def _position_doubts(hands: FittedHands, matrices: Float[Tensor, "hand 3 3"]) ->
     angle = torch.atan(ray[:, :2].norm(dim=1)).rad2deg()
     depth = hands.prediction.parameters.translation[:, 2]
     nearest = hands.prediction.landmarks_3d[..., 2].amin(dim=1)
-    return [
-        reasons(
+    return {
+        "angle": reasons(
             angle > GREATEST_ANGLE,
             lambda hand: (
                 f"The hand is {float(angle[hand]):.0f}° from the optical axis of this camera, expected below "
                 f"{GREATEST_ANGLE:.0f}°: give the camera matrix in pixels of the image."
             ),
         ),
-        reasons(
+        "depth": reasons(
             (depth < DEPTHS[0]) | (depth > DEPTHS[1]) | (nearest <= 0),
             lambda hand: (
                 f"The hand is at a depth of {float(depth[hand]):.2g} m, its nearest landmark at "
@@ -135,7 +135,7 @@ def _position_doubts(hands: FittedHands, matrices: Float[Tensor, "hand 3 3"]) ->
                 "matrix."
             ),
         ),
-    ]  # fmt: skip
+    }
 
 
 def _size(size: Float[Tensor, " 2"]) -> str:

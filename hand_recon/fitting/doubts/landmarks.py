@@ -28,7 +28,7 @@ SHORTER_BONES: Final = 0.85
 """Ratio of bone lengths in the image, another order to the given one, below which the order is named."""
 
 
-def landmark_doubts(hands: FittedHands) -> list[Reasons]:
+def landmark_doubts(hands: FittedHands) -> dict[str, Reasons]:
     """Check the number, extent and σ of the landmarks, and that they are not on a line."""
     observed, extent = hands.observed, extents(hands)
     labelled = observed.labelled.sum(dim=1)
@@ -36,29 +36,29 @@ def landmark_doubts(hands: FittedHands) -> list[Reasons]:
     sigma = hands.prediction.log_sigma.exp().mean(dim=-1)
     sigma = 100 * sigma.masked_fill(~observed.labelled, torch.nan) / extent[:, None]
     sigma = sigma.nanmedian(dim=1).values
-    return [
-        reasons(
+    return {
+        "few landmarks": reasons(
             labelled < FEW_LANDMARKS,
             lambda hand: (
                 f"Only {int(labelled[hand])} landmarks are given, and below {FEW_LANDMARKS} most of the pose "
                 "is the prior's: give more landmarks."
             ),
         ),
-        reasons(
+        "small extent": reasons(
             extent < SMALLEST_EXTENT,
             lambda hand: (
                 f"The landmarks span {float(extent[hand]):.2g} pixels, expected {SMALLEST_EXTENT:.0f} or "
                 "more: give pixels of the image, no shares of its size."
             ),
         ),
-        reasons(
+        "line": reasons(
             thickness < THINNEST,
             lambda hand: (
                 f"The landmarks are on a line: they spread {100 * float(thickness[hand]):.1f} % as far "
                 f"across it as along it, expected {100 * THINNEST:.0f} % or more: check the coordinates."
             ),
         ),
-        reasons(
+        "sigma": reasons(
             sigma > GREATEST_SIGMA,
             lambda hand: (
                 f"The landmarks' σ is {float(sigma[hand]):.0f} % of the hand's extent, expected below "
@@ -66,7 +66,7 @@ def landmark_doubts(hands: FittedHands) -> list[Reasons]:
                 "depths."
             ),
         ),
-    ]  # fmt: skip
+    }
 
 
 def _thickness(
@@ -81,7 +81,7 @@ def _thickness(
     return (across / along).sqrt()
 
 
-def order_doubts(hands: FittedHands, suspects: Iterable[int]) -> list[Reasons]:
+def order_doubts(hands: FittedHands, suspects: Iterable[int]) -> dict[str, Reasons]:
     """Name another landmark order for hands that fit badly, if bones are much shorter in it.
 
     Args:
@@ -104,4 +104,4 @@ def order_doubts(hands: FittedHands, suspects: Iterable[int]) -> list[Reasons]:
                 f"The bones in the image are {100 - 100 * ratio:.0f} % shorter if the landmarks are taken in "
                 f"the order {best}: check the order, or set order={best}."
             )
-    return [found]
+    return {"order": found}

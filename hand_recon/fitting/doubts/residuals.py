@@ -49,7 +49,7 @@ def relative_residuals(hands: FittedHands) -> Float[Tensor, "hand landmark=21"]:
     return share * hands.distance / (sigma / USUAL_SIGMA).clamp(min=1)
 
 
-def residual_doubts(hands: FittedHands) -> list[Reasons]:
+def residual_doubts(hands: FittedHands) -> dict[str, Reasons]:
     """Check the residuals: their mean, the worst landmark, and fingers that are out of line."""
     residuals = relative_residuals(hands)
     mean = residuals.nanmean(dim=1)
@@ -58,8 +58,8 @@ def residual_doubts(hands: FittedHands) -> list[Reasons]:
     others = (mean * given - worst) / (given - 1).clamp(min=1)
     least, ratio = OUTLIER
     is_outlier = (worst > least) & (worst > ratio * others)
-    return [
-        reasons(
+    return {
+        "mean residual": reasons(
             mean > MEAN_RESIDUAL,
             lambda hand: (
                 f"The projections are {float(mean[hand]):.1f} % of the hand's extent from the landmarks on "
@@ -67,7 +67,7 @@ def residual_doubts(hands: FittedHands) -> list[Reasons]:
                 "are u, v in pixels of the image."
             ),
         ),
-        reasons(
+        "one landmark": reasons(
             (worst > WORST_RESIDUAL) | is_outlier,
             lambda hand: (
                 f"The {LANDMARKS[int(which[hand])]} is {float(worst[hand]):.0f} % of the hand's extent from "
@@ -75,15 +75,16 @@ def residual_doubts(hands: FittedHands) -> list[Reasons]:
                 "other landmarks fit: check it, and write null for a landmark that was not found."
             ),
         ),
-        _knuckle_doubts(hands, mean),
-    ]  # fmt: skip
+        "knuckles": _knuckle_doubts(hands, mean),
+    }
 
 
 def _knuckle_doubts(hands: FittedHands, mean: Float[Tensor, " hand"]) -> Reasons:
     """Find hands that fit badly, and whose knuckles are out of line unless fingers are exchanged."""
     residual, shape = WITH_KNUCKLES
     poor = (mean > residual) | (hands.prediction.parameters.shape.abs().amax(dim=1) > shape)
-    orders = torch.tensor(list(permutations(range(len(KNUCKLES)))))
+    # A line is as long from its other end: one direction of each order.
+    orders = torch.tensor([order for order in permutations(range(5)) if order[0] < order[-1]])
     knuckles = hands.observed.landmarks_2d[:, list(KNUCKLES)]
     line = knuckles[:, orders].diff(dim=2).norm(dim=-1).sum(dim=-1)
     best, which = line.nan_to_num(torch.inf).min(dim=1)
