@@ -12,7 +12,8 @@ from torch import Tensor
 
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.protocols.benchmarks import Protocol, protocol_named, report_scores
-from hand_recon.protocols.lint.lint import Finding, lint
+from hand_recon.protocols.lint.frames import read_frame_names
+from hand_recon.protocols.lint.lint import Finding, closing_line, lint
 from hand_recon.protocols.prediction_files import Pair, read_pair
 from hand_recon.protocols.submission import write_submission
 
@@ -56,7 +57,13 @@ def score_predictions(request: Request) -> dict[str, Any]:
         protocol.to_internal(pair.prediction),
     )
     official = protocol.scores(ground_truth, prediction)
-    findings = lint(pair.ground_truth, pair.prediction, protocol, pair.predicted_vertices)
+    findings = lint(
+        pair.ground_truth,
+        pair.prediction,
+        protocol,
+        pair.predicted_vertices,
+        read_frame_names(request.ground_truth, len(ground_truth)),
+    )
     _print(official, _in_papers_names(official, ground_truth, prediction), pair, findings)
     result = {
         **official,
@@ -141,6 +148,6 @@ def _print(
     for finding in findings:
         kind = "Note" if finding.confidence == "note" else f"Mistake ({finding.confidence})"
         lines.append(f"{kind}: {finding.message}")
-    if not any(finding.confidence != "note" for finding in findings):
-        lines.append("No mistake found in order, unit, axes, side or sequence.")
+    closing = closing_line(findings)
+    lines += [] if closing is None else [closing]
     Console(soft_wrap=True).print("\n".join(lines), markup=False, highlight=False)

@@ -6,17 +6,24 @@ where it lowers the error clearly beyond chance: large errors alone are not repo
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.protocols.benchmarks import Protocol
-from hand_recon.protocols.lint.evidence import Confidence, Hands, Suspicion, sizes, spread_evenly
+from hand_recon.protocols.lint.evidence import (
+    Confidence,
+    Hands,
+    Suspicion,
+    is_constant,
+    sizes,
+    spread_evenly,
+)
+from hand_recon.protocols.lint.groups import Frames, in_some_blocks, some_units
 from hand_recon.protocols.lint.order import repeated_frames, wrong_frames, wrong_order
 from hand_recon.protocols.lint.placement import (
     constant_note,
@@ -43,9 +50,9 @@ class Finding:
     """One mistake in a file of predictions, or one note on it."""
 
     kind: str
-    """Identifier: `order`, `unit`, `axes`, `mirrored`, `some_mirrored`, `position`, `frame_order`,
-    `repeated`, `pixels`, `joints_and_vertices`, `vertex_order`; and the notes `root_relative`, `scale`,
-    `constant`, `unrelated`, `no_extent`."""
+    """Identifier: `order`, `unit`, `some_unit`, `axes`, `mirrored`, `some_mirrored`, `position`,
+    `frame_order`, `repeated`, `pixels`, `joints_and_vertices`, `vertex_order`; and the notes `root_relative`,
+    `scale`, `constant`, `unrelated`, `no_extent`."""
     message: str
     """Description and remedy."""
     score_now: float
@@ -62,7 +69,11 @@ class Finding:
 
 
 def lint(
-    ground_truth: HandPoints, prediction: HandPoints, protocol: Protocol, mesh: Tensor | None = None
+    ground_truth: HandPoints,
+    prediction: HandPoints,
+    protocol: Protocol,
+    mesh: Tensor | None = None,
+    names: Sequence[str] | None = None,
 ) -> tuple[Finding, ...]:
     """Find mistakes in predictions of at least one frame.
 
@@ -71,6 +82,7 @@ def lint(
         prediction: The file's points, which should be in the same order, axes and unit; finite.
         protocol: Benchmark whose format the file has.
         mesh: The file's vertices, also where there are no true ones: frames × vertices × 3.
+        names: Name of each frame, `<sequence>/<frame>`, for the messages; none if unknown.
 
     Returns:
         Mistakes, the costliest first, then notes; none for a file without mistakes, however large its errors.
@@ -87,11 +99,22 @@ def lint(
     pixels = flat(hands)
     if pixels is not None:
         return _scored([pixels], hands, hands)
-    corrected, suspicions = _correct(hands, all_ground_truth, protocol)
+    every, of_units = some_units(Frames(all_ground_truth, all_hands, names), protocol)
+    in_one_unit = Hands(hands.ground_truth, every.prediction[frames])
+    corrected, suspicions = _correct(in_one_unit, every, protocol)
+    suspicions = [*of_units, *suspicions]
     repeated = None if is_one_hand(suspicions) else repeated_frames(all_ground_truth, all_hands)
     found_in_mesh = _of_the_mesh(hands, corrected, (ground_truth, prediction, mesh), protocol)
     suspicions += [some for some in (repeated, *found_in_mesh) if some is not None]
     return _scored(suspicions, hands, corrected)
+
+
+def closing_line(findings: Sequence[Finding]) -> str | None:
+    """Sentence for a file without mistakes; None if there is one, or if a note says that there may be one."""
+    open_questions = ("unrelated", "no_extent", "scale")
+    if any(some.confidence != "note" or some.kind in open_questions for some in findings):
+        return None
+    return "No mistake found in order, unit, axes, side or sequence."
 
 
 def is_one_hand(suspicions: list[Suspicion]) -> bool:
@@ -99,23 +122,39 @@ def is_one_hand(suspicions: list[Suspicion]) -> bool:
     return any(suspicion.kind == "constant" for suspicion in suspicions)
 
 
-def _correct(
-    hands: Hands, all_ground_truth: Float[Tensor, "frame landmark=21 3"], protocol: Protocol
-) -> tuple[Hands, list[Suspicion]]:
+def _correct(hands: Hands, every: Frames, protocol: Protocol) -> tuple[Hands, list[Suspicion]]:
     """Correct one mistake after the other, those of the shape before those of the position."""
     suspicions: list[Suspicion | None] = [constant_note(hands)]
     steps: list[Callable[[Hands], tuple[Hands, Suspicion | None]]] = [
         lambda some: wrong_unit(some, protocol),
         lambda some: wrong_order(some, protocol),
-        lambda some: wrong_frames(some, all_ground_truth),
+        lambda some: wrong_frames(some, every.ground_truth),
         lambda some: wrong_axes(some, protocol),
         some_mirrored,
+        lambda some: _in_some_blocks(some, every, protocol),
     ]
     for step in steps:
         hands, suspicion = step(hands)
         suspicions.append(suspicion)
     suspicions.append(root_relative_note(hands))
     return hands, [suspicion for suspicion in suspicions if suspicion is not None]
+
+
+def _in_some_blocks(
+    hands: Hands, every: Frames, protocol: Protocol
+) -> tuple[Hands, Suspicion | None]:
+    """Check the order and the axes of consecutive groups of frames."""
+    numbers = spread_evenly(len(every.ground_truth), MAX_FRAMES)
+    if len(numbers) != len(hands.ground_truth) or is_constant(hands.prediction):
+        return hands, None
+    for step in (
+        lambda some: wrong_order(some, protocol),
+        lambda some: wrong_axes(some, protocol),
+    ):
+        corrected, suspicion = in_some_blocks(hands, numbers, step, every.names)
+        if suspicion is not None:
+            return corrected, suspicion
+    return hands, None
 
 
 def _of_the_mesh(

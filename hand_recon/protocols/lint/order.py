@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from hand_recon.hand.skeleton import LANDMARK_ORDERS, LANDMARKS, landmark_permutation
 from hand_recon.protocols.benchmarks import Protocol
+from hand_recon.protocols.lint.blocks import block_displacements
 from hand_recon.protocols.lint.evidence import (
     Hands,
     Suspicion,
@@ -44,6 +46,9 @@ with errors of 2 mm, and 0.31 for the nearest of 4,000 unrelated hands."""
 
 DISTINCT: Final = 0.8
 """Least share of distinct nearest hands for shuffled frames, which have 0.95 and more; unrelated ones 0.5."""
+
+MOST_BLOCKS: Final = 3
+"""Most displaced blocks that a message describes."""
 
 NAMES: Final = {
     "freihand": "FreiHAND's order (OpenPose's)",
@@ -144,7 +149,51 @@ def wrong_frames(hands: Hands, all_ground_truth: Tensor) -> tuple[Hands, Suspici
             "write them in the order of the ground truth",
             confidence=certainty(now, error),
         )
-    return _shuffled(hands, all_ground_truth, frames)
+    found = _moved_blocks(hands, all_ground_truth, frames)
+    return _shuffled(hands, all_ground_truth, frames) if found is None else found
+
+
+def _moved_blocks(
+    hands: Hands, all_ground_truth: Tensor, frames: Tensor
+) -> tuple[Hands, Suspicion] | None:
+    """Check whether blocks of frames, such as sequences, are in another order."""
+    forms = _descriptor(hands.prediction)
+    if float((forms - forms[:1]).abs().amax()) < ONE_FORM:
+        return None
+    shifts = block_displacements(torch.cdist(forms, _descriptor(all_ground_truth)), frames)
+    if shifts is None or not shifts.any():
+        return None
+    fitting = all_ground_truth[(frames + shifts).clamp(0, len(all_ground_truth) - 1)]
+    moved = shifts != 0
+    now, error = (
+        _either_hand(ground_truth[moved], hands.prediction[moved])
+        for ground_truth in (hands.ground_truth, fitting)
+    )
+    if not clearly_better(now, error, FRAME_GAIN):
+        return None
+    return Hands(fitting, hands.prediction), Suspicion(
+        "frame_order",
+        "Your frames look to be in blocks in another order, as of sequences in the order of a folder and not "
+        f"of the benchmark's list (HO3D's evaluation.txt): {_described(frames, shifts)}",
+        "write them in the order of the ground truth",
+        confidence=certainty(now, error),
+    )
+
+
+def _described(frames: Tensor, shifts: Tensor) -> str:
+    """The largest displaced blocks, in the order of the file."""
+    starts = [0, *((shifts[1:] != shifts[:-1]).nonzero()[:, 0] + 1).tolist(), len(shifts)]
+    blocks = [(first, last - 1) for first, last in pairwise(starts) if int(shifts[first]) != 0]
+    largest = sorted(sorted(blocks, key=lambda block: block[0] - block[1])[:MOST_BLOCKS])
+    texts = []
+    for first, last in largest:
+        ends, shift = (int(frames[first]), int(frames[last])), int(shifts[first])
+        texts.append(
+            f"your frames {ends[0]} to {ends[1]} fit the ground truth of {ends[0] + shift} to "
+            f"{ends[1] + shift}"
+        )
+    rest = len(blocks) - len(largest)
+    return ", ".join(texts) + (f", and {rest} more" if rest else "")
 
 
 def _other_frames(frames: Tensor, count: int) -> Iterator[tuple[Tensor, str]]:
