@@ -5,12 +5,13 @@ to `overlay.py` and `ellipses.py`, which draw copies of square crops, these func
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from hand_recon.hand.skeleton import LANDMARK_PARENTS
@@ -28,6 +29,22 @@ _FARTHEST: Final = 2**26
 _LINES_PER_HAND: Final = 120
 _ELLIPSE_OPACITY: Final = 0.25
 _WHITE: Final = (255, 255, 255)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Rectangle of a label, pixels."""
+
+    left: int
+    top: int
+    columns: int
+    rows: int
+
+    def overlaps(self, other: "Place") -> bool:
+        """True if two rectangles share a pixel."""
+        beside = self.left >= other.left + other.columns or other.left >= self.left + self.columns
+        apart = self.top >= other.top + other.rows or other.top >= self.top + self.rows
+        return not (beside or apart)
 
 
 def hand_size(points: Float[np.ndarray, "point 2"]) -> float:
@@ -112,43 +129,36 @@ def draw_label(
     canvas: Canvas,
     text: str,
     box: Float[np.ndarray, "2 2"],
-    taken: Bool[np.ndarray, "height width"],
+    taken: Sequence[Place] = (),
     *,
     warning: bool,
-) -> None:
-    """Write a text above a hand, or below or beside it where that place is taken or outside.
+) -> Place:
+    """Write a text above a hand, or below or beside it where that place is taken.
 
     Args:
         canvas: Image, changed.
         text: One line. Letters that Pillow's own font lacks become boxes.
         box: Least and greatest u and v of the hand, pixels.
-        taken: Mask of what earlier labels cover, at an eighth of the image's size; changed.
+        taken: Places of earlier labels.
         warning: True for black on yellow in place of white on dark grey.
+
+    Returns:
+        Where the text was written.
     """
     height, width, _ = canvas.shape
-    size = float(np.ptp(box, axis=0).max())
-    strip = text_strip(
-        text, round(np.clip(0.07 * size, 11, 0.045 * max(height, width, 245))), warning=warning
-    )
-    strip = strip[:height, :width]
+    letters = np.clip(0.07 * np.ptp(box, axis=0).max(), 11, max(11, 0.045 * max(height, width)))
+    strip = text_strip(text, round(letters), warning=warning)[:height, :width]
     rows, columns, _ = strip.shape
     (left, top), (right, bottom) = box
-    places = [(left, top - rows), (left, bottom), (right, top), (left - columns, top), (left, top)]
-    corners = [_inside(place, (width - columns, height - rows)) for place in places]
-    covers = [
-        (slice(y // 8, (y + rows) // 8 + 1), slice(x // 8, (x + columns) // 8 + 1))
-        for x, y in corners
-    ]
-    choice = next((i for i, cover in enumerate(covers) if not taken[cover].any()), 0)
-    x, y = corners[choice]
-    canvas[y : y + rows, x : x + columns] = strip
-    taken[covers[choice]] = True
-
-
-def free_places(canvas: Canvas) -> Bool[np.ndarray, "height width"]:
-    """An empty mask for `draw_label`: an eighth of an image's size."""
-    height, width, _ = canvas.shape
-    return np.zeros((height // 8 + 1, width // 8 + 1), dtype=bool)
+    corners = [
+        (left, top - rows), (left, bottom), (right, top), (left - columns, top),
+        (left, top - 2 * rows), (left, bottom + rows), (left, top),
+    ]  # fmt: skip
+    places = [_inside(corner, columns, rows, (width, height)) for corner in corners]
+    free = [place for place in places if not any(place.overlaps(other) for other in taken)]
+    chosen = (free or places)[0]
+    canvas[chosen.top : chosen.top + rows, chosen.left : chosen.left + columns] = strip
+    return chosen
 
 
 def text_strip(text: str, height: int, *, warning: bool = False) -> Canvas:
@@ -188,7 +198,7 @@ def _draw_ellipse(
         return
     halves = np.minimum(ellipse.halves, 4.0 * max(height, columns))
     for thickness, opacity in ((cv2.FILLED, _ELLIPSE_OPACITY), (width, 0.8)):
-        layer = np.ascontiguousarray(part)
+        layer = part.copy()
         cv2.ellipse(
             layer, _fixed(ellipse.centre - low - 0.5), _fixed(halves), float(np.degrees(ellipse.angle)),
             0, 360, colour, thickness, cv2.LINE_AA, _FRACTION_BITS,
@@ -213,9 +223,11 @@ def _colour(landmark: int) -> tuple[int, int, int]:
     return FINGER_COLOURS[max(landmark - 1, 0) // 4]
 
 
-def _inside(place: tuple[float, float], room: tuple[int, int]) -> tuple[int, int]:
-    x, y = (int(np.clip(value, 0, most)) for value, most in zip(place, room, strict=True))
-    return x, y
+def _inside(corner: tuple[float, float], columns: int, rows: int, size: tuple[int, int]) -> Place:
+    """Shift a rectangle into the image."""
+    left = int(np.clip(corner[0], 0, size[0] - columns))
+    top = int(np.clip(corner[1], 0, size[1] - rows))
+    return Place(left, top, columns, rows)
 
 
 def _fixed(pixels: Float[np.ndarray, "2"]) -> tuple[int, int]:

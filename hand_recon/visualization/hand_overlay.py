@@ -14,11 +14,11 @@ from hand_recon.rendering.mesh import BLUE, from_above, from_the_side
 from hand_recon.rendering.window import PlacedMesh, shade_in_image
 from hand_recon.visualization.hand_marks import (
     Canvas,
+    Place,
     draw_given,
     draw_label,
     draw_skeleton,
     draw_two_sigma,
-    free_places,
     hand_size,
     line_width,
     text_strip,
@@ -60,6 +60,15 @@ class DrawnHand:
     """Standard deviation of each landmark along u and v, pixels."""
     covariance: Float[np.ndarray, "landmark=21 2 2"] | None = None
     """Covariance of each landmark, squared pixels; used in place of `sigma_2d`."""
+
+    def __post_init__(self) -> None:
+        """Check the side.
+
+        Raises:
+            ValueError: It is neither left nor right.
+        """
+        if self.side not in HAND_COLOURS:
+            raise ValueError(f"Found the side {self.side!r}; expected 'left' or 'right'. Name one.")
 
     @property
     def title(self) -> str:
@@ -115,9 +124,7 @@ def draw_hands(
     order = sorted(range(len(drawn)), key=lambda index: -meshes[index].distance)
     for index in order:
         _draw_marks(canvas, drawn[index], style)
-    taken = free_places(canvas)
-    for hand in drawn:
-        _draw_title(canvas, hand, taken)
+    _draw_titles(canvas, drawn)
     return _with_panels(canvas, drawn, faces) if style.panels and drawn else canvas
 
 
@@ -177,16 +184,20 @@ def _draw_marks(canvas: Canvas, hand: DrawnHand, style: OverlayStyle) -> None:
         draw_given(canvas, hand.given_2d, hand.landmarks_2d, width)
 
 
-def _draw_title(canvas: Canvas, hand: DrawnHand, taken: np.ndarray) -> None:
-    points = [hand.landmarks_2d] if hand.given_2d is None else [hand.landmarks_2d, hand.given_2d]
-    places = np.concatenate(points)
-    places = places[np.isfinite(places).all(axis=1)]
-    if len(places) and hand.title:
-        margin = 4 * line_width(hand_size(places))
-        box = np.stack([places.min(axis=0) - margin, places.max(axis=0) + margin])
-        height, width, _ = canvas.shape
-        box = box.clip(0, (width, height))
-        draw_label(canvas, hand.title, box, taken, warning=hand.doubtful)
+def _draw_titles(canvas: Canvas, hands: Sequence[DrawnHand]) -> None:
+    height, width, _ = canvas.shape
+    taken: list[Place] = []
+    for hand in hands:
+        points = (
+            [hand.landmarks_2d] if hand.given_2d is None else [hand.landmarks_2d, hand.given_2d]
+        )
+        places = np.concatenate(points)
+        places = places[np.isfinite(places).all(axis=1)]
+        if len(places):
+            margin = 4 * line_width(hand_size(places))
+            box = np.stack([places.min(axis=0) - margin, places.max(axis=0) + margin])
+            box = box.clip(0, (width, height))
+            taken.append(draw_label(canvas, hand.title, box, taken, warning=hand.doubtful))
 
 
 def _with_panels(
