@@ -48,8 +48,10 @@ class Detections:
 class Detector(Protocol):
     """Function that finds the hands of an image."""
 
-    name: str
-    """Name for reports, as in `detector=<name>`."""
+    @property
+    def name(self) -> str:
+        """Name for reports, as in `detector=<name>`."""
+        ...
 
     def __call__(
         self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None

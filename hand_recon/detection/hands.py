@@ -29,7 +29,7 @@ SAME_LANDMARKS: Final = 10
 SAME_OVERLAP: Final = 0.2
 """Intersection over union of boxes, above which two hands can be one."""
 
-CERTAIN: Final = 0.98
+CERTAIN: Final = 0.99
 """Presence from which on no other rotation of a box is tried (decision 54)."""
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from jaxtyping import UInt8
@@ -59,7 +59,7 @@ class MediaPipeDetector:
         min_palm_score: float = 0.5,
         min_presence: float = 0.5,
         min_side: float = 20.0,
-        padding: float | Literal["auto"] = "auto",
+        padding: float | str = "auto",
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:
