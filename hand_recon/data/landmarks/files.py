@@ -31,7 +31,7 @@ import io
 import logging
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -48,8 +48,12 @@ from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks
 from hand_recon.data.landmarks.json_lists import objects_in, parse_objects, parse_points
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
 from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
+from hand_recon.data.landmarks.refusal import refuse
 
 logger = logging.getLogger(__name__)
+
+LARGEST_IMAGE: Final = 1e7
+"""Coordinate that no pixel of an image reaches."""
 
 
 def read_landmarks(
@@ -78,6 +82,7 @@ def read_landmarks(
     except RecursionError as error:
         raise ValueError(f"{path} is nested too deeply to be a file of landmarks.") from error
     if len(parsed.points):
+        _refuse_huge(path, parsed)
         refuse_points_in_space(path, parsed.points, parsed.third_value)
         parsed = shares_to_pixels(path, parsed, assumed.images or path.parent, image_size)
     landmarks = to_image_landmarks(path, parsed, _order_of_file(path, parsed, assumed))
@@ -172,6 +177,15 @@ def _with_cameras(
     if landmarks.intrinsics is not None:
         logger.warning("%s has camera matrices too; those of %s are used.", path, intrinsics)
     return with_cameras(landmarks, Path(os.path.expanduser(intrinsics)))
+
+
+def _refuse_huge(path: Path, parsed: ParsedHands) -> None:
+    """Refuse finite coordinates that no image has, and that would overflow in what follows."""
+    sizes = np.abs(np.where(np.isfinite(parsed.points), parsed.points, 0.0))
+    refuse(
+        path, np.any(sizes > LARGEST_IMAGE, axis=(1, 2)),
+        f"coordinates beyond {LARGEST_IMAGE:,.0f} pixels; write null for a landmark that is missing.",
+    )  # fmt: skip
 
 
 def _order_of_file(path: Path, parsed: ParsedHands, assumed: Assumptions) -> Assumptions:

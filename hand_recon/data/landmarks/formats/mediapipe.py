@@ -164,7 +164,7 @@ def _side(entry: object, solutions: bool) -> str | None:
     if label not in {"left", "right"}:
         return None
     mirrored = solutions
-    if category.get("index") in {0, 1}:
+    if category.get("index") in (0, 1):
         mirrored = (category["index"] == 0) == (label == "left")
     if not mirrored:
         return label

@@ -11,7 +11,7 @@ Hands are the components with `HAND` and a side in their names, such as MediaPip
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -94,11 +94,14 @@ def parse_pose_file(path: Path, content: bytes) -> ParsedHands:
     components = [_component(source) for _ in range(source.count())]
     points, confidence = _body(source, version, components)
     size = (width, height) if width > 1 and height > 1 else None
-    hands = _hands(components)
-    for side, places in hands:
-        chosen = np.moveaxis(pick(np.moveaxis(points, 2, 0), places), 0, 2)
-        scores = np.moveaxis(pick(np.moveaxis(confidence, 2, 0), places), 0, 2)
-        _add_hands(reading, side, chosen, scores, size)
+    hands = [
+        (side, _at(points, places), _at(confidence, places)) for side, places in _places(components)
+    ]
+    for frame, person in np.ndindex(points.shape[:2]):
+        called = f"frame {frame} " + (f"person {person} " if points.shape[1] > 1 else "")
+        for side, of_hand, scores in hands:
+            found = _hand(of_hand[frame, person], scores[frame, person])
+            reading.add(replace(found, side=side, name=called + side, image_size=size))
     if not hands:
         raise ValueError(
             f"{path} is read as {TITLE}, and none of its components is a hand: "
@@ -137,7 +140,7 @@ def _body(
     return coordinates[..., :2].copy(), source.floats(*shape)
 
 
-def _hands(components: list[_Component]) -> list[tuple[str, Int[np.ndarray, " landmark=21"]]]:
+def _places(components: list[_Component]) -> list[tuple[str, Int[np.ndarray, " landmark=21"]]]:
     """Sides of the components that are hands, and the columns of their landmarks; −1 for a missing one."""
     hands = []
     start = 0
@@ -151,17 +154,17 @@ def _hands(components: list[_Component]) -> list[tuple[str, Int[np.ndarray, " la
     return hands
 
 
-def _add_hands(
-    reading: Reading,
-    side: str,
-    points: Float[np.ndarray, "frame person landmark=21 2"],
-    confidence: Float[np.ndarray, "frame person landmark=21"],
-    size: tuple[float, float] | None,
-) -> None:
+def _at(
+    values: Float[np.ndarray, "..."], places: Int[np.ndarray, " landmark=21"]
+) -> Float[np.ndarray, "..."]:
+    return np.moveaxis(pick(np.moveaxis(values, 2, 0), places), 0, 2)
+
+
+def _hand(
+    points: Float[np.ndarray, "landmark=21 2"], score: Float[np.ndarray, " landmark=21"]
+) -> FoundHand:
+    """A hand without the landmarks that were not found."""
+    points = np.where(score[:, None] > 0, points, np.nan)
     # MediaPipe has no confidence of a hand's landmark: all found ones have 1.
-    are_scores = bool((~np.isin(confidence, (0, 1)) & ~np.isnan(confidence)).any())
-    points = np.where(confidence[..., None] > 0, points, np.nan)
-    for frame, person in np.ndindex(points.shape[:2]):
-        score = confidence[frame, person] if are_scores else None
-        called = f"frame {frame} " + (f"person {person} " if points.shape[1] > 1 else "") + side
-        reading.add(FoundHand(points[frame, person], side, called, None, score, image_size=size))
+    are_scores = not np.isin(score[~np.isnan(score)], (0, 1)).all()
+    return FoundHand(points, confidence=score if are_scores else None)
