@@ -30,6 +30,9 @@ LARGEST_SIGMA: Final = 1.0
 DEPTH_SPREAD: Final = 0.15
 """Range of the third values of a hand below which they may be depths in metres."""
 
+DEEPEST: Final = 250.0
+"""Largest range of depths within a hand, and least depth of a hand before a camera, mm."""
+
 PERCENT: Final = 50.0
 """Median above which numbers up to 100 are scores in percent and no σ."""
 
@@ -187,7 +190,8 @@ def _refuse_what_is_no_sigma(
     median = float(np.median(numbers))
     relative = _relative_to_hand(points, values)
     if relative is not None and relative > DOUBTFUL_SIGMA:
-        depths = median > 100 and float(numbers.std()) < median / 2
+        ranges = [np.ptp(row[~np.isnan(row)]) for row in values if not np.isnan(row).all()]
+        depths = median > DEEPEST and float(np.median(ranges)) < DEEPEST
         what = "look like depths in mm" if depths else "are no standard deviations in pixels"
         raise ValueError(
             f"{span}, {relative:.3g} times the size of their hand in the median, and {what}. {ends}"
