@@ -22,7 +22,9 @@ class DetectedHand:
     side: Side
     """Side of the hand if the image is not mirrored."""
     score: float | None
-    """Presence: probability of a hand in the square that the landmark network was given, 0 to 1."""
+    """Presence: probability of a hand in the square that the landmark network was given, 0 to 1; none where
+    another detector gave no score.
+    """
     side_score: float
     """Probability of the side by the landmark network, 0 to 1."""
     palm_score: float | None = None

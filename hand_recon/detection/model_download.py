@@ -3,6 +3,7 @@
 The package is unpacked, not installed: nothing of it is imported or run.
 """
 
+import http.client
 import importlib.util
 import logging
 import shutil
@@ -136,7 +137,7 @@ def from_address(address: str) -> dict[str, bytes]:
     """
     try:
         content = b"".join(_pieces(address))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, http.client.HTTPException) as error:
         reason = getattr(error, "reason", error)
         raise ModelsError(f"{address} cannot be had ({reason}).") from error
     found = models_in_content(content, address)

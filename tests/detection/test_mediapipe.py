@@ -31,7 +31,7 @@ def distance(one: DetectedHand, landmarks: np.ndarray) -> float:
 def test_both_hands_are_found_once(detector: MediaPipeDetector, two_hands: np.ndarray) -> None:
     found = detector(two_hands)
     assert [hand.side for hand in found.hands] == ["left", "left"]
-    assert all(hand.score > 0.9 and hand.side_score > 0.9 for hand in found.hands)
+    assert all((hand.score or 0) > 0.9 and hand.side_score > 0.9 for hand in found.hands)
     assert all((hand.palm_score or 0) > 0.9 for hand in found.hands)
     # One points up, one down: wrist below and above the middle finger's tip.
     downward = {bool(hand.landmarks_2d[12, 1] > hand.landmarks_2d[0, 1]) for hand in found.hands}

@@ -1,7 +1,9 @@
 """The detector's models for tests: the published ones if they can be had, and made-up ones."""
 
 import hashlib
+import io
 import os
+import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -48,3 +50,17 @@ def made_up_models(monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
     monkeypatch.setattr(models, "MODELS", made_up)
     monkeypatch.setattr(model_files, "MODELS", made_up)
     return contents
+
+
+def zipped(members: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    """Content of a zip file.
+
+    Args:
+        members: Content by name.
+        method: The zip file's way of compressing.
+    """
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
