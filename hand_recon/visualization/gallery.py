@@ -17,7 +17,7 @@ from urllib.parse import quote
 _STYLE: Final = """
   body { font: 16px/1.45 system-ui, sans-serif; margin: 1.5rem; color: #1c1c1c; background: #fff; }
   h1 { font-size: 1.5rem; overflow-wrap: anywhere; }
-  label { margin: 0 1.2rem 0 .2rem; }
+  label { margin: 0 1.2rem 0 .2rem; white-space: nowrap; }
   table { border-collapse: collapse; width: 100%; }
   th, td { padding: .4rem .7rem; text-align: left; vertical-align: top; }
   tbody { border-top: 2px solid #ccc; }
