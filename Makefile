@@ -20,8 +20,8 @@ help:  ## Show this list.
 
 env: $(STAMP)  ## Make the environment: the exact locked packages, verified by hash.
 
-example: $(STAMP)  ## Fit the six hands of examples/hands.json; the pictures are in outputs/fit.
-	$(BIN)/hand-recon fit examples/hands.json $(ARGS)
+example: $(STAMP)  ## Reconstruct the hands of two photographs; the page to open is named at the end.
+	$(BIN)/hand-recon predict examples/hand.jpg examples/two_hands.jpg $(ARGS)
 
 train: $(STAMP)  ## Train the default model, evaluate it and draw it; ARGS are Hydra overrides.
 	$(BIN)/python -m hand_recon.train $(ARGS)

@@ -17,7 +17,7 @@ COMMANDS = sorted(
     {
         found[1].partition("#")[0].strip()
         for found in re.finditer(
-            r"hand-recon ((?:fit|train|evaluate|score|report|figures|doctor|prepare)\b[^`\n]*)",
+            r"hand-recon ((?:predict|fit|train|evaluate|score|report|figures|doctor|prepare)\b[^`\n]*)",
             README,
         )
     }
@@ -32,9 +32,9 @@ def test_the_python_of_the_readme_runs_as_it_stands(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     exec(compile(block, "README.md", "exec"), {})  # noqa: S102  # our own words
-    assert "(6, 21, 3) (6, 778, 3)" in capsys.readouterr().out
+    assert "(2, 21, 3) (2, 778, 3)" in capsys.readouterr().out
     assert (tmp_path / "hands.png").is_file()
-    assert (tmp_path / "outputs" / "from_python" / "fit.json").is_file()
+    assert (tmp_path / "hands.obj").is_file()
 
 
 def test_the_readme_shows_every_verb() -> None:

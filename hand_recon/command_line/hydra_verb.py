@@ -131,7 +131,8 @@ def _check_key(key: str, config: DictConfig) -> None:
     for depth, part in enumerate(key.split(".")):
         if not isinstance(node, DictConfig):
             return
-        if part not in node:
+        # A value that the user must give, `???`, is not `in` its node.
+        if part not in node and not OmegaConf.is_missing(node, part):
             known = [str(name) for name in node]
             near = difflib.get_close_matches(part, known, 1)
             before = ".".join(key.split(".")[:depth])

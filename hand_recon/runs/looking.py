@@ -1,5 +1,6 @@
 """Finds the hands of photographs, and makes landmarks to fit of them."""
 
+import itertools
 import logging
 import time
 from collections.abc import Sequence
@@ -9,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
+from omegaconf import DictConfig
 
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.photos import Photo, PhotoError, read_photo
 from hand_recon.detection.detector import DetectedHand, Detector
 from hand_recon.fitting.origin import Origin
 from hand_recon.fitting.photo_camera import CameraChoice
+from hand_recon.runs.configuration import instantiate
+from hand_recon.runs.landmark_lookup import FileLandmarks
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +44,11 @@ class LookedAt:
     error: str | None = None
     """Reason why the photograph could not be processed; None if it was."""
     seconds: dict[str, float] = field(default_factory=dict)
-    """Time of each stage, `read` and `detect`."""
+    """Time of each stage, `read`, `detect` and `fit`."""
+
+    def with_time(self, stage: str, seconds: float) -> "LookedAt":
+        """The same with the time of one more stage."""
+        return replace(self, seconds={**self.seconds, stage: seconds})
 
 
 def look_at_file(
@@ -77,7 +85,7 @@ def look_at(
     found = detector(photo.pixels, photo.path)
     seconds = {"detect": time.perf_counter() - start}
     for sentence in found.dropped:
-        logger.warning("%s: %s", name, sentence)
+        logger.log(logging.INFO if found.hands else logging.WARNING, "%s: %s", name, sentence)
     sides = np.array([np.ptp(hand.landmarks_2d, axis=0).max() for hand in found.hands], dtype=float)
     try:
         chosen = camera.of_photo(number, photo.size, photo.focal_px, sides)
@@ -127,3 +135,30 @@ def to_landmarks(
         for one, hand in pairs
     )
     return landmarks, origins
+
+
+def build_detector(config: DictConfig) -> Detector:
+    """Build the detector of a configuration, and say which landmarks it needs if it lacks them.
+
+    Raises:
+        ValueError: `detector=landmarks` without a file.
+    """
+    if config.detector.get("_target_") is not None:
+        detector: Detector = instantiate(config.detector)
+        return detector
+    return FileLandmarks.from_config(config.detector)
+
+
+def photo_names(files: Sequence[Path]) -> list[str]:
+    """Names of files in results: file names, or as much of the paths as makes them different."""
+    names = [path.name for path in files]
+    if len(set(names)) == len(names):
+        return names
+    absolute = [path.absolute() for path in files]
+    shared = Path(*_common([path.parent for path in absolute]))
+    return [path.relative_to(shared).as_posix() for path in absolute]
+
+
+def _common(folders: Sequence[Path]) -> list[str]:
+    levels = zip(*(folder.parts for folder in folders), strict=False)
+    return [level[0] for level in itertools.takewhile(lambda level: len(set(level)) == 1, levels)]

@@ -81,13 +81,9 @@ class PhotoResults:
         """
         hands, images = self.folder / "hands.json", self.folder / "images.csv"
         unfinished = images.with_name("images.csv.part")
-        self.rows = list(read_images_table(unfinished)) if goes_on else []
+        self.rows = list(_rows_so_far(images, unfinished)) if goes_on else []
         done = [row["image"] for row in self.rows]
-        kept = [
-            entry
-            for entry in finished_entries(hands.with_name("hands.json.part"))
-            if entry["image"] in set(done)
-        ]
+        kept = [entry for entry in _hands_so_far(hands) if entry["image"] in set(done)]
         if done:
             logger.info("%d images are done already.", len(done))
         with (
@@ -234,6 +230,16 @@ def write_jpeg(path: Path, image: np.ndarray) -> None:
 def _made(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     return folder
+
+
+def _hands_so_far(path: Path) -> Iterator[dict[str, Any]]:
+    """Objects of the hands that an interrupted run wrote, also if only tables and pages were missing."""
+    unfinished = path.with_name(f"{path.name}.part")
+    return finished_entries(unfinished if unfinished.exists() else path)
+
+
+def _rows_so_far(path: Path, unfinished: Path) -> list[dict[str, str]]:
+    return read_images_table(unfinished if unfinished.exists() else path)
 
 
 def read_images_table(path: Path) -> list[dict[str, str]]:

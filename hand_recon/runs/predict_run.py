@@ -1,9 +1,9 @@
 """Finds the hands of photographs and reconstructs them: detector, fit, results (Sec. 3.2-3.4)."""
 
-import itertools
 import json
 import logging
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,13 @@ from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
-from hand_recon.runs.looking import LookedAt, look_at_file, to_landmarks
+from hand_recon.runs.looking import (
+    LookedAt,
+    build_detector,
+    look_at_file,
+    photo_names,
+    to_landmarks,
+)
 from hand_recon.runs.photo_results import PHOTO_PRODUCTS, PhotoResults
 from hand_recon.runs.unfinished import claim_or_resume, file_state, finish
 
@@ -46,6 +52,7 @@ def predict(config: DictConfig) -> dict[str, Any]:
             set and a hand is doubtful. Results of everything else are written then.
     """
     configure_process(config.threads)
+    config = adapted_to_data(config)
     files = photo_files(_inputs(config.input))
     if not files:
         raise ValueError(
@@ -56,7 +63,7 @@ def predict(config: DictConfig) -> dict[str, Any]:
             f"json={config.json} is not supported; json=- writes the hands to standard output, and "
             "output=<folder> writes hands.json there."
         )
-    stages = _Stages(adapted_to_data(config), files)
+    stages = _Stages(config, files)
     if config.json == "-" and config.output is None:
         summary = _to_stream(stages)
     else:
@@ -92,11 +99,14 @@ class _Stages:
     ) -> Iterator[tuple[list[LookedAt], FittedHands | None]]:
         """Find and fit the hands, some photographs at a time; None for a batch without hands."""
         for batch in _batches(self.looked_at(done)):
-            if any(one.hands for one in batch):
-                landmarks, origins = to_landmarks(batch, self.origin)
-                yield batch, fit_part(landmarks, self.fitter, origins)
-            else:
+            if not any(one.hands for one in batch):
                 yield batch, None
+                continue
+            start = time.perf_counter()
+            landmarks, origins = to_landmarks(batch, self.origin)
+            part = fit_part(landmarks, self.fitter, origins)
+            each = (time.perf_counter() - start) / len(part)
+            yield [one.with_time("fit", each * len(one.hands)) for one in batch], part
 
 
 def _batches(looked: Iterator[LookedAt]) -> Iterator[list[LookedAt]]:
@@ -109,34 +119,6 @@ def _batches(looked: Iterator[LookedAt]) -> Iterator[list[LookedAt]]:
             batch = []
     if batch:
         yield batch
-
-
-def build_detector(config: DictConfig) -> Any:  # noqa: ANN401  # a `Detector`
-    """Build the detector of a configuration, and say which landmarks it needs if it lacks them.
-
-    Raises:
-        ValueError: `detector=landmarks` without a file.
-    """
-    if config.detector.get("_target_") is not None:
-        return instantiate(config.detector)
-    from hand_recon.runs.landmark_lookup import FileLandmarks
-
-    return FileLandmarks.from_config(config.detector)
-
-
-def photo_names(files: Sequence[Path]) -> list[str]:
-    """Names of files in results: file names, or as much of the paths as makes them different."""
-    names = [path.name for path in files]
-    if len(set(names)) == len(names):
-        return names
-    absolute = [path.absolute() for path in files]
-    shared = Path(*itertools.takewhile(lambda _: True, _common([path.parent for path in absolute])))
-    return [path.relative_to(shared).as_posix() for path in absolute]
-
-
-def _common(folders: Sequence[Path]) -> list[str]:
-    levels = zip(*(folder.parts for folder in folders), strict=False)
-    return [level[0] for level in itertools.takewhile(lambda level: len(set(level)) == 1, levels)]
 
 
 def _to_stream(stages: _Stages) -> dict[str, Any]:

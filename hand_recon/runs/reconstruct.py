@@ -15,8 +15,14 @@ from hand_recon.fitting.photo_camera import CameraChoice, parse_camera
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_landmarks import check_overrides
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
-from hand_recon.runs.looking import LookedAt, look_at, photo_of_array, to_landmarks
-from hand_recon.runs.predict_run import build_detector, photo_names
+from hand_recon.runs.looking import (
+    LookedAt,
+    build_detector,
+    look_at,
+    photo_names,
+    photo_of_array,
+    to_landmarks,
+)
 from hand_recon.runs.reconstructed_hands import ReconstructedHands, image_inputs
 
 COMMAND_ONLY: Final = frozenset(

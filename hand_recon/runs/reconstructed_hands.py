@@ -30,7 +30,7 @@ class ReconstructedHands:
     """Fitted hands in their order, in parts."""
     faces: Int[np.ndarray, "face 3"] = field(repr=False)
     """Triangles of a right hand's mesh; reverse them for a left hand."""
-    photos: tuple[UInt8[np.ndarray, "height width 3"], ...] = field(default=(), repr=False)
+    photos: tuple[UInt8[np.ndarray, "_ _ 3"], ...] = field(default=(), repr=False)
     """Photographs that the hands were found in, RGB; none for hands fitted to given landmarks."""
     photo_of_hand: tuple[int, ...] = ()
     """Index of each hand's photograph."""

@@ -87,7 +87,7 @@ def test_a_fit_imports_no_training(tmp_path: Path) -> None:
         ["fit", "hands.json", "--output", "out", "descent.steps=2", "results.pictures=1"], tmp_path
     )
     assert modules.isdisjoint(SLOW_FOR_FIT)
-    assert (tmp_path / "out" / "fit.json").is_file()
+    assert (tmp_path / "out" / "hands.json").is_file()
 
 
 def test_commands_make_idle_threads_sleep_before_torch_is_loaded(tmp_path: Path) -> None:

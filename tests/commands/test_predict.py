@@ -1,0 +1,277 @@
+"""`predict` from photographs to a folder of hands, with the landmarks of a file in the detector's place."""
+
+import csv
+import itertools
+import json
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+import torch
+import trimesh
+from omegaconf import DictConfig, open_dict
+from PIL import Image
+
+import hand_recon
+from hand_recon.camera import project
+from hand_recon.hand.model import HandModel
+from hand_recon.runs import predict_run
+from hand_recon.runs.looking import photo_names
+from hand_recon.runs.predict_run import predict
+from tests.support.configurations import composed
+from tests.support.views import known_hands, views
+
+CAMERA = [[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]]
+QUICK = ("descent.steps=20", "descent.starts=1")
+SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
+
+
+def asked(folder: Path, *overrides: str) -> DictConfig:
+    """`conf/predict.yaml` composed for the photographs of a folder and our landmarks."""
+    config = composed(
+        f"input=['{folder}/photos']", "detector=landmarks", f"detector.landmarks='{folder}/found.json'",
+        f"camera='{folder}/K.json'", f"output='{folder}/out'", *QUICK, *overrides, name="predict",
+    )  # fmt: skip
+    with open_dict(config):
+        del config["hydra"]
+    return config
+
+
+@pytest.fixture
+def folder(hand: HandModel, tmp_path: Path) -> Path:
+    """Four photographs: two hands, none, one left hand under an odd name, and a file that is cut off."""
+    batch = views(hand, known_hands(hand, 3))
+    assert batch.landmarks_3d is not None
+    points = project(batch.landmarks_3d, torch.tensor(CAMERA).expand(3, 3, 3))
+    points[2, :, 0] = 2 * CAMERA[0][2] - points[2, :, 0]  # The same hand in a mirror.
+    (tmp_path / "photos").mkdir()
+    names = ["1 two.png", "2 none.png", "3 hånd's, [left].png", "4 cut off.png"]
+    for name in names:
+        path = tmp_path / "photos" / name
+        path.write_bytes(cv2.imencode(".png", np.full((480, 640, 3), 90, np.uint8))[1].tobytes())
+    path.write_bytes(path.read_bytes()[:200])
+    entries = [
+        {"image": name, "side": side, "landmarks": given}
+        for name, side, given in zip(
+            (names[0], names[0], names[2]), ("right", "right", "left"), points.tolist(), strict=True
+        )
+    ]
+    (tmp_path / "found.json").write_text(json.dumps(entries), encoding="utf-8")
+    (tmp_path / "K.json").write_text(json.dumps(CAMERA))
+    return tmp_path
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def read(folder: Path) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = json.loads((folder / "hands.json").read_text(encoding="utf-8"))
+    return entries
+
+
+def test_photographs_become_a_folder_of_hands(folder: Path) -> None:
+    with pytest.raises(
+        ValueError, match="1 of 4 images could not be processed, for the reasons above"
+    ):
+        predict(asked(folder, "results.meshes=glb"))
+    out = folder / "out"
+    entries = read(out)
+    jsonschema.validate(entries, SCHEMA)
+    assert [entry["image"] for entry in entries] == ["1 two.png"] * 2 + ["3 hånd's, [left].png"]
+    assert [entry["side"] for entry in entries] == ["right", "right", "left"]
+    for entry in entries:
+        assert entry["source"] == "landmarks, fit"
+        assert entry["camera"]["source"] == "given"
+        assert entry["camera"]["image_size"] == [640, 480]
+        np.testing.assert_allclose(entry["camera"]["intrinsics"], CAMERA, atol=1e-3)
+        points = np.array(entry["landmarks_3d"])
+        on_plane = points / points[:, 2:] @ np.array(CAMERA).T
+        np.testing.assert_allclose(on_plane[:, :2], entry["landmarks_2d"], atol=0.05)
+        off = np.linalg.norm(np.subtract(entry["landmarks_2d"], entry["observed_2d"]), axis=1)
+        assert off.mean() == pytest.approx(entry["residual"], abs=0.01)
+    images = table(out / "images.csv")
+    assert [row["hands"] for row in images] == ["2", "0", "1", "0"]
+    assert [bool(row["error"]) for row in images] == [False, False, False, True]
+    assert [(row["width"], row["height"]) for row in images[:3]] == [("640", "480")] * 3
+    assert len(table(out / "hands.csv")) == 3
+    assert len(table(out / "landmarks.csv")) == 3 * 21
+    overlays = sorted((out / "overlays").iterdir())
+    assert [str(out / row["overlay"]) for row in images if row["overlay"]] == [
+        str(o) for o in overlays
+    ]
+    drawn = cv2.imread(str(overlays[0]))
+    assert drawn is not None
+    # The photograph is at its own size on the left, and no longer grey where the hands are.
+    assert drawn.shape[0] >= 480
+    assert drawn.shape[1] > 640
+    assert np.abs(drawn[:480, :640].astype(int) - 90).max() > 60
+    scene = trimesh.load(out / "meshes" / f"{overlays[0].stem}.glb")
+    assert isinstance(scene, trimesh.Scene)
+    assert len(scene.geometry) == 2
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "3 hånd&#x27;s, [left].png" in page or "3 hånd&#39;s, [left].png" in page
+    assert "cut off" in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert not list(out.glob("*.part"))
+    assert not (out / "unfinished.json").exists()
+
+
+def test_results_are_not_overwritten(folder: Path) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    assert predict(asked(folder))["hands"] == 3
+    before = (folder / "out" / "hands.json").read_bytes()
+    with pytest.raises(
+        FileExistsError, match=r"already holds hands\.json.* nothing is overwritten"
+    ):
+        predict(asked(folder))
+    assert (folder / "out" / "hands.json").read_bytes() == before
+
+
+def test_an_interrupted_command_goes_on_where_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
+    predict(asked(folder, f"output='{folder}/whole'"))
+    expected = (folder / "whole" / "hands.json").read_bytes()
+    real = predict_run.look_at_file
+    looks = itertools.count()
+
+    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
+        if next(looks) == 2:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(predict_run, "look_at_file", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        predict(asked(folder))
+    out = folder / "out"
+    assert len(json.loads((out / "hands.json.part").read_text(encoding="utf-8"))) == 2
+    assert not (out / "hands.json").exists()
+    # A kill may leave half a line of either file.
+    for name in ("hands.json.part", "images.csv.part"):
+        with (out / name).open("a", encoding="utf-8") as stream:
+            stream.write('{"image": "3')
+    with pytest.raises(FileExistsError, match="unfinished results of a command with other options"):
+        predict(asked(folder, "descent.steps=21"))
+    assert predict(asked(folder))["hands"] == 3
+    # Two photographs were not looked at again, and nothing is there twice.
+    assert next(looks) == 4
+    assert (out / "hands.json").read_bytes() == expected
+    assert [row["image"] for row in table(out / "images.csv")] == sorted(
+        path.name for path in (folder / "photos").iterdir()
+    )
+
+
+def test_strict_refuses_what_is_not_plausible_and_a_photograph_without_hands_is_no_failure(
+    folder: Path,
+) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    # One finger's landmarks in the wrong order.
+    entries[0]["landmarks"][5:9] = entries[0]["landmarks"][8:4:-1]
+    (folder / "found.json").write_text(json.dumps(entries), encoding="utf-8")
+    summary = predict(asked(folder))
+    assert summary["doubtful"] >= 1
+    doubtful = read(folder / "out")[0]
+    assert doubtful["verdict"] == "doubtful"
+    assert doubtful["reasons"]
+    with pytest.raises(ValueError, match="of 3 hands are doubtful and 0 are not fitted, which"):
+        predict(asked(folder, "strict=true", f"output='{folder}/strict'"))
+    assert len(read(folder / "strict")) == 3
+
+
+def test_no_hand_at_all_is_a_failure_that_says_what_to_try(folder: Path) -> None:
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    (folder / "found.json").write_text(json.dumps(entries[:1]), encoding="utf-8")
+    photo = folder / "photos" / "2 none.png"
+    with pytest.raises(ValueError, match=r"No hand was fitted in 1 image.*detector=whole"):
+        predict(asked(folder, f"input=['{photo}']"))
+    assert read(folder / "out") == []
+    (folder / "empty").mkdir()
+    with pytest.raises(ValueError, match="empty"):
+        predict(asked(folder, f"input=['{folder}/empty']", f"output='{folder}/more'"))
+
+
+def test_hands_on_standard_output_are_json_alone(folder: Path) -> None:
+    words = [
+        sys.executable, "-m", "hand_recon.predict", "photos/1 two.png", "photos/2 none.png", "--json", "-",
+        "detector=landmarks", "detector.landmarks=found.json", "--camera", "fov=60", *QUICK,
+    ]  # fmt: skip
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)  # noqa: S603
+    entries = json.loads(done.stdout)
+    jsonschema.validate(entries, SCHEMA)
+    assert [entry["camera"]["source"] for entry in entries] == ["field of view"] * 2
+    assert "2 none.png" not in done.stdout
+    assert not (folder / "outputs").exists()
+    assert sorted(path.name for path in folder.iterdir()) == ["K.json", "found.json", "photos"]
+
+
+def test_a_file_that_is_no_photograph_ends_with_its_reason_and_status_1(folder: Path) -> None:
+    words = [
+        sys.executable, "-m", "hand_recon", "predict", "photos/4 cut off.png", "photos/1 two.png", "--output",
+        "out", "detector=landmarks", "detector.landmarks=found.json", *QUICK,
+    ]  # fmt: skip
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+    assert done.returncode == 1
+    said = done.stderr.splitlines()
+    assert any(line.startswith("error: ") and "4 cut off.png" in line for line in said)
+    assert any(line.startswith("error: 1 of 2 images could not be processed") for line in said)
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert len(read(folder / "out")) == 2
+
+
+def test_names_of_photographs_are_file_names_unless_two_are_alike() -> None:
+    assert photo_names([Path("a/x.jpg"), Path("b/y.jpg")]) == ["x.jpg", "y.jpg"]
+    assert photo_names([Path("a/x.jpg"), Path("b/c/x.jpg")]) == ["a/x.jpg", "b/c/x.jpg"]
+    assert photo_names([Path("a/x.jpg"), Path("a/b/x.jpg")]) == ["x.jpg", "b/x.jpg"]
+
+
+def test_the_python_call_gives_what_the_command_writes(folder: Path, tmp_path: Path) -> None:
+    photo = folder / "photos" / "1 two.png"
+    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
+    predict(asked(folder, f"input=['{photo}']", "camera='fov=60'"))
+    hands = hand_recon.reconstruct(photo, camera="fov=60", overrides=settings)
+    assert json.loads(json.dumps(hands.entries())) == read(folder / "out")
+    assert (hands.sides, len(hands)) == (("right", "right"), 2)
+    assert hands.vertices.shape == (2, 778, 3)
+    np.testing.assert_array_equal(hands.records.covariance_3d, np.nan)
+    drawing = hands.draw(tmp_path / "over.png")
+    assert drawing.shape[0] >= 480
+    for name, geometries in (("hands.obj", 2), ("hands.glb", 2)):
+        scene = trimesh.load(hands.save(tmp_path / name), process=False)
+        found = scene.geometry if isinstance(scene, trimesh.Scene) else {"": scene}
+        assert sum(len(one.vertices) for one in found.values()) == geometries * 778
+    assert hand_recon.read_hands(hands.save(tmp_path / "saved.json")).sides == hands.sides
+    with pytest.raises(FileExistsError, match="nothing is overwritten"):
+        hands.save(tmp_path / "hands.obj")
+
+
+def test_the_python_call_takes_arrays_and_refuses_what_is_no_image(folder: Path) -> None:
+    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
+    pixels = np.zeros((48, 64, 3), np.uint8)
+    for image in (pixels, Image.fromarray(pixels), [pixels, folder / "photos" / "2 none.png"]):
+        hands = hand_recon.reconstruct(image, overrides=settings)
+        assert len(hands) == 0
+        assert hands.vertices.shape == (0, 778, 3)
+        assert hands.entries() == []
+        with pytest.raises(ValueError, match="No hand was fitted"):
+            hands.draw()
+    for wrong in (np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), "gone.jpg"):
+        with pytest.raises(ValueError, match=r"expected height × width × 3|gone\.jpg"):
+            hand_recon.reconstruct(wrong, overrides=settings)
+    with pytest.raises(ValueError, match="camera has the shape"):
+        hand_recon.reconstruct(pixels, camera=np.eye(4), overrides=settings)
+    with pytest.raises(
+        ValueError, match=r"'output=x' has no effect here: output is an argument of reconst"
+    ):
+        hand_recon.reconstruct(pixels, overrides=["output=x"])
