@@ -111,7 +111,7 @@ def test_one_landmark_far_from_its_projection_is_named(
 def test_an_outlier_is_one_only_where_the_others_fit(hand: HandModel) -> None:
     hands = exact(hand)
     side = box_side(hands)[:, None]
-    # All landmarks are off by 3 %, and one by 15 %: five times as far as the others, and below 21 %.
+    # All landmarks are off by 3 %, and one by 15 %: five times as far as the others, and below 23 %.
     predicted = hands.prediction.landmarks_2d.clone()
     predicted[..., 0] += 0.03 * side
     predicted[:, 12, 0] += 0.12 * side[:, 0]
@@ -123,7 +123,7 @@ def test_an_outlier_is_one_only_where_the_others_fit(hand: HandModel) -> None:
     assert_all_say(judge(replace(hands, prediction=moved)), "The middle tip is 15 %")
 
 
-@pytest.mark.parametrize(("share", "value"), [(0.06, PLAUSIBLE), (0.07, DOUBTFUL)])
+@pytest.mark.parametrize(("share", "value"), [(0.065, PLAUSIBLE), (0.075, DOUBTFUL)])
 def test_the_mean_residual_has_a_limit(hand: HandModel, share: float, value: str) -> None:
     hands = exact(hand)
     predicted = hands.prediction.landmarks_2d.clone()
@@ -131,7 +131,7 @@ def test_the_mean_residual_has_a_limit(hand: HandModel, share: float, value: str
     found = judge(replace(hands, prediction=replace(hands.prediction, landmarks_2d=predicted)))
     assert [verdict.value for verdict in found] == [value] * COUNT
     if value == DOUBTFUL:
-        assert_all_say(found, "The projections are 7.0 % of the hand's extent")
+        assert_all_say(found, "The projections are 7.5 % of the hand's extent")
 
 
 def test_exchanged_fingers_are_named_where_the_fit_is_poor(hand: HandModel) -> None:

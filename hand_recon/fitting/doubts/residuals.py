@@ -18,10 +18,10 @@ from hand_recon.hand.skeleton import FINGERS, LANDMARKS
 USUAL_SIGMA: Final = 2.0
 """σ up to which a residual counts in full, percent of the extent: 3 pixels of a 224-pixel crop."""
 
-MEAN_RESIDUAL: Final = 6.5
+MEAN_RESIDUAL: Final = 7.0
 """Greatest mean residual, percent of the extent."""
 
-WORST_RESIDUAL: Final = 21.0
+WORST_RESIDUAL: Final = 23.0
 """Greatest residual of one landmark, percent of the extent."""
 
 OUTLIER: Final = (12.0, 6.0)
@@ -31,7 +31,7 @@ beyond both is doubtful."""
 KNUCKLES: Final = (1, 5, 9, 13, 17)
 """Landmark at the base of each finger, thumb first."""
 
-SHORTER_KNUCKLES: Final = 0.85
+SHORTER_KNUCKLES: Final = 0.8
 """Ratio of the line through the knuckles, fingers exchanged to fingers as given, below which it counts."""
 
 WITH_KNUCKLES: Final = (4.0, 3.0)
@@ -63,7 +63,7 @@ def residual_doubts(hands: FittedHands) -> dict[str, Reasons]:
             mean > MEAN_RESIDUAL,
             lambda hand: (
                 f"The projections are {float(mean[hand]):.1f} % of the hand's extent from the landmarks on "
-                f"average, expected below {MEAN_RESIDUAL} %: check the order of the landmarks, and that they "
+                f"average, expected below {MEAN_RESIDUAL:.0f} %: check the order of the landmarks, and that they "
                 "are u, v in pixels of the image."
             ),
         ),
