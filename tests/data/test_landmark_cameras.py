@@ -235,7 +235,7 @@ def test_a_matrix_divided_by_the_image_size_is_multiplied_by_it(
 ) -> None:
     Image.new("RGB", (640, 480)).save(tmp_path / "a.png")
     extra = {"image_size": [640, 480]} if source == "camera" else {}
-    hand = {"image": "a.png"} if source == "image" else {}
+    hand: dict[str, Any] = {"image": "a.png"} if source == "image" else {}
     landmarks = given_camera(tmp_path, json.dumps({"K": SHARES, **extra}), **hand)
     assert landmarks.intrinsics is not None
     np.testing.assert_allclose(landmarks.intrinsics[1].numpy(), MATRIX)

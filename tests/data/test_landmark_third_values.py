@@ -200,7 +200,7 @@ def in_camera(unit: float) -> np.ndarray:
     """Hands of 0.2 m half a metre away, in units of this many metres."""
     rng = np.random.default_rng(4)
     shape = rng.uniform(-0.06, 0.06, (5, 21, 3))
-    return (shape + np.array([0.0, 0.0, 0.5])) / unit
+    return np.asarray((shape + np.array([0.0, 0.0, 0.5])) / unit)
 
 
 @pytest.mark.parametrize(

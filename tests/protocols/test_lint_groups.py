@@ -66,6 +66,7 @@ def test_frames_in_another_unit_than_the_others_are_named(
     assert f"multiply these by {1 / factor:g}" in found.message
     # 5 mm on every coordinate: √(8/π) · 5 = 8.0 mm on average.
     assert found.score_if_mended == pytest.approx(8.0, abs=0.5)
+    assert found.score_if_mended is not None
     assert found.score_now > 10 * found.score_if_mended
 
 
