@@ -71,7 +71,8 @@ def test_every_locked_version_has_hashes() -> None:
 def test_every_declared_dependency_is_locked_at_a_version_that_is_allowed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    declared = [*project["dependencies"], *extras["train"], *extras["dev"]]
+    locked = ("train", "detect", "heif", "dev")
+    declared = [*project["dependencies"], *(line for name in locked for line in extras[name])]
     entries = lock_entries()
     for requirement in map(Requirement, declared):
         lines = entries.get(canonicalize_name(requirement.name), [])
@@ -93,8 +94,9 @@ def imported_packages(file: Path) -> set[str]:
 
 def test_every_imported_package_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    # What training needs besides is an extra of its own.
-    lines = [*project["dependencies"], *project["optional-dependencies"]["train"]]
+    # What training, the detector and HEIC images need besides are extras of their own.
+    extras = project["optional-dependencies"]
+    lines = [*project["dependencies"], *extras["train"], *extras["detect"], *extras["heif"]]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
     providers = importlib.metadata.packages_distributions()
     for file in (ROOT / "hand_recon").rglob("*.py"):

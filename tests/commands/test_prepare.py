@@ -18,6 +18,7 @@ from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
 from hand_recon.runs import preparation as prepare
 from hand_recon.runs.building import build_data
 from hand_recon.schema import HandBatch
+from tests.support.detector_models import made_up_models, zipped
 from tests.support.freihand_folder import edit_json
 from tests.support.mano_file import write_mano_pickle
 
@@ -127,6 +128,51 @@ def test_mano_is_refused_with_the_message_alone(
     assert not (tmp_path / "m").exists()
 
 
+@pytest.fixture
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
+    """Made-up models of the detector, and a cache folder of the test's own."""
+    monkeypatch.setenv("HAND_RECON_CACHE", str(tmp_path / "cache"))
+    return made_up_models(monkeypatch)
+
+
+def test_detector_is_taken_from_the_file_that_is_named(
+    models: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bundle = tmp_path / "a bundle, named (oddly).task"
+    bundle.write_bytes(zipped(models))
+    main(["prepare", "detector", str(bundle)])
+    folder = tmp_path / "cache" / "detector"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == models
+    printed = capsys.readouterr().out
+    assert all(f"Ready: {folder / name}" in printed for name in models)
+    # Nothing is fetched where everything is there.
+    main(["prepare", "detector"])
+    assert f"Both models are in {folder} already." in capsys.readouterr().out
+    # It is no run: no folder of results is left.
+    assert sorted(path.name for path in tmp_path.iterdir()) == [bundle.name, "cache"]
+
+
+def test_detector_takes_several_files_and_another_folder(
+    models: dict[str, bytes], tmp_path: Path
+) -> None:
+    for name, content in models.items():
+        (tmp_path / name).write_bytes(content)
+    files = ",".join(f"'{tmp_path / name}'" for name in models)
+    main(["prepare", "task=detector", f"source=[{files}]", f"folder={tmp_path / 'mine'}"])
+    assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == sorted(models)
+
+
+@pytest.mark.usefixtures("models")
+def test_detector_is_refused_with_the_message_alone(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"No file .*none.task. Name MediaPipe's") as stopped:
+        main(["prepare", "detector", str(tmp_path / "none.task")])
+    assert isinstance(stopped.value.code, str)
+    (tmp_path / "other.zip").write_bytes(zipped({"a": b"b"}))
+    with pytest.raises(SystemExit, match="none of the models is in it"):
+        main(["prepare", "detector", str(tmp_path / "other.zip")])
+    assert not (tmp_path / "cache").exists()
+
+
 def synthetic(folder: Path) -> DictConfig:
     with initialize_config_dir(CONF, version_base="1.3"):
         return compose(
@@ -183,7 +229,7 @@ def test_check_goes_on_where_poses_cannot_be_had(
 def test_a_task_is_needed_and_must_be_known(tmp_path: Path) -> None:
     config = configuration(tmp_path, tmp_path)
     with pytest.raises(
-        ValueError, match="No task was given: type hand-recon prepare with mano, cache"
+        ValueError, match="No task was given: type hand-recon prepare with mano, detector, cache"
     ):
         prepare.prepare(config)
     with pytest.raises(ValueError, match="prepare cache takes no file, found 'mine'"):
