@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
 COMMANDS = sorted(
     {
-        found[1].partition("#")[0].strip()
+        found[1].partition("#")[0].partition(" | ")[0].strip()
         for found in re.finditer(
             r"hand-recon ((?:predict|fit|train|evaluate|score|report|figures|doctor|prepare)\b[^`\n]*)",
             README,
@@ -50,7 +50,11 @@ def test_every_command_of_the_readme_composes(command: str) -> None:
     overrides = to_overrides(
         words, VERBS[verb], known_names(config), booleans=booleans(config), groups=groups(config)
     )
-    overrides = [word.split(",")[0] for word in overrides if word != "-m"]
+    overrides = [
+        word if word.startswith("input=") else word.split(",")[0]
+        for word in overrides
+        if word != "-m"
+    ]
     with initialize_config_dir(CONF, version_base="1.3"):
         HydraConfig.instance().set_config(compose(config, overrides, return_hydra_config=True))
 
