@@ -68,6 +68,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
             side=config.side,
             order=config.order,
             images=None if config.images is None else Path(config.images),
+            placeholders=config.placeholders,
         ),
     )
     done = list(finished_entries(folder / "hands.json.part"))[: len(landmarks)] if goes_on else []

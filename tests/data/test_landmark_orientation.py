@@ -64,8 +64,8 @@ def rotated(orientation: int, points: np.ndarray = POINTS) -> np.ndarray:
 
 
 def samples(path: Path, **recipe: Any) -> Any:  # noqa: ANN401
-    recipe = {"crop": CropPolicy(96, "joints"), "min_side": 5.0} | recipe
-    return LandmarkSplits(LandmarkRecipe(path, path, path, **recipe)).dataset("val")
+    options: dict[str, Any] = {"crop": CropPolicy(96, "joints"), "min_side": 5.0} | recipe
+    return LandmarkSplits(LandmarkRecipe(path, path, path, **options)).dataset("val")
 
 
 @pytest.mark.parametrize("orientation", [6, 8])
