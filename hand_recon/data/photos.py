@@ -1,8 +1,8 @@
 """Photographs as people have them, upright and in sRGB, with what EXIF says about the camera.
 
-Pillow reads them all: it gives orientation and metadata of every format and refuses files that are cut off,
-where OpenCV rotates some formats only and fills the missing part with grey (decision 60). Training reads its
-many images with `hand_recon.data.images.read_image`, which is faster.
+Pillow reads them all (decision 60): it gives the orientation and the metadata of every format, where OpenCV
+rotates some formats only, gives no metadata and reads no HEIC. Training reads its many images with
+`hand_recon.data.images.read_image`, which is faster.
 """
 
 import importlib
