@@ -113,7 +113,8 @@ def measure(options: argparse.Namespace) -> Comparison:
         rows = json.loads((options.folder / name).read_text())
         labels |= {row["image"]: row["landmarks"] for row in rows}
     names = sorted(expected if options.all else labels)
-    names = names[:: max(1, len(names) // options.count)] if options.count else names
+    count = min(options.count or len(names), len(names))
+    names = [names[index * len(names) // count] for index in range(count)]
     padding = options.padding if options.padding == "auto" else float(options.padding)
     detector = MediaPipeDetector(
         max_hands=2,
@@ -148,7 +149,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--labels", nargs="+", default=["test.json"])
     parser.add_argument("--all", action="store_true", help="images without a label, too")
-    parser.add_argument("--count", type=int, default=0, help="about so many images, spread evenly")
+    parser.add_argument("--count", type=int, default=0, help="so many images, spread evenly")
     parser.add_argument("--padding", default="1.7")
     parser.add_argument(
         "--copies", action="store_true", help="pad and enlarge as the labels' makers did"
