@@ -285,6 +285,7 @@ def _files() -> dict[str, ToolFile]:
         "tasks lines": _file("MediaPipe", lines, **shares),
         "holistic": _file("MediaPipe", _holistic(), **shares),
         "tensorflow.js": _file("MediaPipe", _tensorflow_js()),
+        "ultralytics": _file("Ultralytics", _ultralytics(), **whole),
         "labelme": _file("LabelMe", labelme()),
         "label studio": _file("Label Studio", [label_studio_task(hand) for hand in range(3)]),
         "label studio min": _file("Label Studio", [label_studio_short(hand) for hand in range(3)]),
@@ -295,6 +296,8 @@ def _files() -> dict[str, ToolFile]:
         "named columns": _file("named landmarks", named_columns(), **table, **whole),
         "pose 0.2": _file(".pose", pose_file(0.2), name="a.pose"),
         "pose 0.1": _file(".pose", pose_file(0.1, 2), name="a.pose"),
+        "yolo": _file("YOLO's labels", yolo_labels(3), name="a.txt", **no_sides, **shares),
+        "yolo pairs": _file("YOLO's labels", yolo_labels(2), name="a.txt", **no_sides, **shares),
         "frames": _file("lists of hands", [POINTS[:2].tolist(), [], POINTS[2:].tolist()], **no_sides),
     }  # fmt: skip
 
@@ -313,6 +316,27 @@ def _holistic() -> list[dict[str, Any]]:
         {"left_hand_landmarks": normalised(0), "right_hand_landmarks": normalised(1)},
         {"left_hand_landmarks": [], "right_hand_landmarks": normalised(2)},
     ]
+
+
+def _ultralytics() -> list[dict[str, Any]]:
+    return [
+        {
+            "name": f"{SIDES[hand]}_hand", "class": 0, "confidence": 0.9,
+            "keypoints": {
+                "x": POINTS[hand, :, 0].tolist(), "y": POINTS[hand, :, 1].tolist(),
+                "visible": SCORES[hand].tolist(),
+            },
+        }
+        for hand in range(3)
+    ]  # fmt: skip
+
+
+def yolo_labels(per_point: int) -> str:
+    """Labels of one image with the three hands, in shares of its size."""
+    shares = np.concatenate([POINTS / SIZE, np.full((3, 21, 1), 2)], axis=-1)[..., :per_point]
+    return "\n".join(
+        " ".join(map(str, [0, 0.5, 0.5, 0.1, 0.2, *hand.ravel().tolist()])) for hand in shares
+    )
 
 
 def _tensorflow_js() -> list[dict[str, Any]]:

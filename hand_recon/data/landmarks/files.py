@@ -19,8 +19,11 @@ JSON, or JSON lines with one hand or one frame on each line
 CSV
     One row per hand or one per landmark (`hand_recon.data.landmarks.csv_table`), or DeepLabCut's.
 
-XML, .pose, .npy
-    CVAT's annotations; the files of pose-format; one array of hands × 21 × 2 or 3.
+XML, .pose, .npy, .txt
+    CVAT's annotations; the files of pose-format; one array of hands × 21 × 2 or 3; YOLO's labels.
+
+A folder
+    Such files of one form, one for each image, as OpenPose and LabelMe write them.
 
 A landmark whose confidence is 0 is missing: detectors write (0, 0, 0) for what they did not find. Coordinates
 that are shares of the image's size are multiplied by it where it is known (decision 56).
@@ -40,10 +43,13 @@ from hand_recon.data.landmarks.csv_table import parse_csv
 from hand_recon.data.landmarks.formats.content import to_json, to_text
 from hand_recon.data.landmarks.formats.cvat import parse_cvat
 from hand_recon.data.landmarks.formats.deeplabcut import is_deeplabcut, parse_deeplabcut
+from hand_recon.data.landmarks.formats.folders import parse_folder
+from hand_recon.data.landmarks.formats.found import NoHandsError
 from hand_recon.data.landmarks.formats.point_lists import is_point
 from hand_recon.data.landmarks.formats.pose_file import is_pose_file, parse_pose_file
 from hand_recon.data.landmarks.formats.registry import json_format_of
 from hand_recon.data.landmarks.formats.shares import shares_to_pixels
+from hand_recon.data.landmarks.formats.ultralytics import is_yolo_labels, parse_yolo_labels
 from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks
 from hand_recon.data.landmarks.json_lists import objects_in, parse_objects, parse_points
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
@@ -65,7 +71,7 @@ def read_landmarks(
     """Landmarks of N hands.
 
     Args:
-        path: JSON or CSV, or another tool's file, see above.
+        path: JSON or CSV, or another tool's file, see above; or a folder of them, one for each image.
         intrinsics: Camera matrices of the images, one or one per hand; they override those in the file.
         assumed: Assumed values of what the file does not specify.
         image_size: Width and height of the images in pixels, for landmarks in shares of it where neither
@@ -77,8 +83,10 @@ def read_landmarks(
     """
     path = Path(os.path.expanduser(path))
     assumed = assumed or Assumptions()
+    if path.is_dir() and assumed.images is None:
+        assumed = dataclasses.replace(assumed, images=path)
     try:
-        parsed = parse_file(path)
+        parsed = parse_folder(path, parse_file) if path.is_dir() else parse_file(path)
     except RecursionError as error:
         raise ValueError(f"{path} is nested too deeply to be a file of landmarks.") from error
     if len(parsed.points):
@@ -122,6 +130,8 @@ def parse_file(path: Path) -> ParsedHands:
         return _parse_json(path, text)
     if start.startswith("<"):
         return parse_cvat(path, text)
+    if is_yolo_labels(text):
+        return parse_yolo_labels(path, text)
     return parse_deeplabcut(path, text) if is_deeplabcut(text) else parse_csv(path, text)
 
 
@@ -130,7 +140,7 @@ def _parse_json(path: Path, text: str) -> ParsedHands:
     try:
         return _parse_content(path, content)
     except ValueError as error:
-        if not lines:
+        if not lines or isinstance(error, NoHandsError):
             raise
         raise ValueError(f"{error} The file was read as JSON lines.") from error
 

@@ -18,6 +18,10 @@ NOT_FOUND: Final = "hands that were not found"
 """Words for hands that a detector writes as zeros or leaves empty."""
 
 
+class NoHandsError(ValueError):
+    """A file of a known format has no hands, as of an image in which a detector found none."""
+
+
 @dataclass(frozen=True)
 class FoundHand:
     """One hand of a tool's file; NaN where the file has no number."""
@@ -50,12 +54,12 @@ def to_parsed(
         left_out: Number of entries that are not among them, by what they are (in the plural).
 
     Raises:
-        ValueError: There are no hands.
+        NoHandsError: There are no hands.
     """
     counted = counts_in_words(left_out)
     if not hands:
         found = f" (left out: {', '.join(counted)})" if counted else ""
-        raise ValueError(
+        raise NoHandsError(
             f"{path} is read as {title} and holds no hands{found}; expected one or more, of 21 points each."
         )
     return ParsedHands(
@@ -190,7 +194,7 @@ class Reading:
         """The hands that were added.
 
         Raises:
-            ValueError: There are none.
+            NoHandsError: There are none.
         """
         parsed = to_parsed(self.path, self.title, self.hands, self.left_out)
         return replace(parsed, in_freihand_order=self.named)

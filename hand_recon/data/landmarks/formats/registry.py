@@ -11,6 +11,7 @@ from hand_recon.data.landmarks.formats.labelme import is_labelme, parse_labelme
 from hand_recon.data.landmarks.formats.mediapipe import is_mediapipe, parse_mediapipe
 from hand_recon.data.landmarks.formats.mmpose import is_mmpose, parse_mmpose
 from hand_recon.data.landmarks.formats.openpose import is_openpose, parse_openpose
+from hand_recon.data.landmarks.formats.ultralytics import is_ultralytics, parse_ultralytics
 from hand_recon.data.landmarks.parsed import ParsedHands
 
 
@@ -32,6 +33,7 @@ JSON_FORMATS: Final = (
     JsonFormat("Label Studio", is_label_studio, parse_label_studio),
     JsonFormat("MediaPipe", is_mediapipe, parse_mediapipe),
     JsonFormat("mmpose", is_mmpose, parse_mmpose),
+    JsonFormat("Ultralytics", is_ultralytics, parse_ultralytics),
     JsonFormat("COCO", is_coco, parse_coco),
 )
 """All formats in the order in which they are tried; COCO's is the least specific."""
