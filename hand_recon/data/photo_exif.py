@@ -16,8 +16,12 @@ FILM_DIAGONAL: Final = math.hypot(36.0, 24.0)
 
 _UNITS: Final = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 """Millimetres of the units of FocalPlaneResolutionUnit; 4 and 5 are used beyond the standard."""
-_FOCAL_LENGTHS: Final = (4.0, 3000.0)
-"""Focal lengths on 35 mm film that are taken for true, millimetres: fisheye to telescope."""
+_FOCAL_LENGTHS: Final = (4.0, 1000.0)
+"""Focal lengths on 35 mm film that are taken for true, millimetres: fisheye to long telephoto lens."""
+_SHAPES: Final = (1.2, 2.1)
+"""Longer side by shorter side of cameras' images: from 5:4 to 18:9, with a margin."""
+_SAME_FOCAL: Final = 0.2
+"""Difference of two logarithms of focal lengths that rounding to whole millimetres explains."""
 _SAME_SHAPE: Final = 0.02
 """Relative difference of two aspect ratios above which an image counts as cropped."""
 
@@ -64,8 +68,9 @@ def to_upright(
 def focal(image: Image.Image) -> Focal:
     """Focal length in pixels: by the sensor's resolution, else by the film's diagonal.
 
-    An image whose shape differs from the one that EXIF records was cropped; its focal length is not used.
-    One that was scaled down has its focal length scaled.
+    An image that was scaled down has its focal length scaled. It is not known, with a note that says why, if
+    the image was cropped, as its shape tells: another than EXIF records, or one that no camera has; and if
+    the two ways to compute it disagree, since then a program changed the size and the records of it.
     """
     try:
         details = dict(_exif(image).get_ifd(ExifTags.IFD.Exif))
@@ -74,16 +79,27 @@ def focal(image: Image.Image) -> Focal:
     film = _number(details.get(ExifTags.Base.FocalLengthIn35mmFilm))
     film = film if film and _FOCAL_LENGTHS[0] <= film <= _FOCAL_LENGTHS[1] else None
     scale, diagonal = _scale(details, image.size), math.hypot(*image.size)
-    pixels = _pixels_by_sensor(details, diagonal, scale or 1.0)
-    if pixels is None and film is not None:
-        pixels = film * diagonal / FILM_DIAGONAL
-    if pixels is not None and scale is None:
-        note = (
-            "Its shape differs from the one that EXIF records: it was cropped, so that its focal length is "
-            "not known."
-        )
-        return Focal(film, None, note)
+    by_film = None if film is None else film * diagonal / FILM_DIAGONAL
+    by_sensor = _pixels_by_sensor(details, diagonal, scale or 1.0)
+    pixels = by_film if by_sensor is None else by_sensor
+    if pixels is None:
+        return Focal(film)
+    if reason := _reason_for_doubt(image.size, scale, by_film, by_sensor):
+        return Focal(film, None, f"{reason}, so that its focal length is not known.")
     return Focal(film, pixels)
+
+
+def _reason_for_doubt(
+    size: tuple[int, int], scale: float | None, by_film: float | None, by_sensor: float | None
+) -> str:
+    shape = max(size) / min(size)
+    if scale is None:
+        return "Its shape differs from the one that EXIF records: it was cropped"
+    if not _SHAPES[0] <= shape <= _SHAPES[1]:
+        return f"It is {shape:.2f} times as long as it is wide, unlike a camera's images: it was cropped"
+    if by_film and by_sensor and abs(math.log(by_film / by_sensor)) > _SAME_FOCAL:
+        return "EXIF's records of its lens and its sensor disagree: it was cropped or scaled"
+    return ""
 
 
 def _exif(image: Image.Image) -> Image.Exif:

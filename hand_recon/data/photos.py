@@ -52,8 +52,9 @@ class Photo:
     """Focal length by EXIF, pixels of this image.
 
     From FocalLength and FocalPlaneXResolution; without them, from FocalLengthIn35mmFilm by the image's
-    diagonal, which is 43.27 mm on 35 mm film. It is wrong for an image that was cropped unless EXIF records
-    the size before; then it is None.
+    diagonal, which is 43.27 mm on 35 mm film. A crop makes it wrong. It is None for crops that show: by their
+    shape, or because EXIF contradicts itself; a crop of a camera's shape by a program that rewrites EXIF does
+    not show.
     """
     notes: tuple[str, ...] = ()
     """Sentences on what was left out or converted."""

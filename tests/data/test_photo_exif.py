@@ -74,7 +74,7 @@ def test_focal_length_by_the_sensor_goes_before_the_film(
 ) -> None:
     # 100 px a millimetre (2,540 an inch, 1,000 a centimetre) times 4.25 mm.
     tags: dict[str, float] = {
-        "FocalLength": 4.25, "FocalPlaneXResolution": resolution, "FocalLengthIn35mmFilm": 28,
+        "FocalLength": 4.25, "FocalPlaneXResolution": resolution, "FocalLengthIn35mmFilm": 43,
     }  # fmt: skip
     if unit:
         tags["FocalPlaneResolutionUnit"] = unit
@@ -92,6 +92,43 @@ def test_an_image_scaled_down_has_its_focal_length_scaled(tmp_path: Path) -> Non
     # A program that rotates the pixels may leave the recorded size as it was.
     Image.new("RGB", (240, 360)).save(file, exif=exif_of(**tags, **size).tobytes())
     assert read_photo(file).focal_px == pytest.approx(4.25 * 1000 / 10)
+
+
+@pytest.mark.parametrize("size", [(300, 300), (100, 110), (900, 300)])
+def test_an_image_of_a_shape_that_no_camera_has_was_cropped(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    # Programs that crop often rewrite the recorded size, so that it tells nothing.
+    exif = exif_of(FocalLengthIn35mmFilm=28, ExifImageWidth=size[0], ExifImageHeight=size[1])
+    file = tmp_path / "hand.jpg"
+    Image.new("RGB", size).save(file, exif=exif.tobytes())
+    photo = read_photo(file)
+    assert (photo.focal_35mm, photo.focal_px) == (28, None)
+    assert "unlike a camera's images: it was cropped" in photo.notes[0]
+
+
+@pytest.mark.parametrize(
+    "size", [(400, 300), (300, 400), (360, 240), (320, 180), (360, 180), (500, 400)]
+)
+def test_the_shapes_of_cameras_are_not_taken_for_crops(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    file = tmp_path / "hand.jpg"
+    Image.new("RGB", size).save(file, exif=exif_of(FocalLengthIn35mmFilm=28).tobytes())
+    photo = read_photo(file)
+    assert photo.focal_px == pytest.approx(28 * math.hypot(*size) / math.hypot(36, 24))
+    assert photo.notes == ()
+
+
+@pytest.mark.parametrize(("film", "known"), [(43, True), (50, True), (28, False), (90, False)])
+def test_lens_and_sensor_have_to_agree(tmp_path: Path, film: int, known: bool) -> None:
+    # By the sensor 425 px; by the film's diagonal 10 px a millimetre.
+    tags = {"FocalLength": 4.25, "FocalPlaneXResolution": 2540.0, "FocalLengthIn35mmFilm": film}
+    file = tmp_path / "hand.jpg"
+    Image.new("RGB", (360, 240)).save(file, exif=exif_of(**tags).tobytes())
+    photo = read_photo(file)
+    assert (photo.focal_px is not None) == known
+    assert ("disagree" in "".join(photo.notes)) == (not known)
 
 
 def test_an_image_of_another_shape_than_recorded_was_cropped(tmp_path: Path) -> None:
