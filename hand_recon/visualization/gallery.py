@@ -22,8 +22,8 @@ _STYLE: Final = """
   th, td { padding: .4rem .7rem; text-align: left; vertical-align: top; }
   tbody { border-top: 2px solid #ccc; }
   thead th { position: sticky; top: 0; background: #fff; border-bottom: 2px solid #888; }
-  th[scope=rowgroup] { font-weight: normal; overflow-wrap: anywhere; width: 40%; }
-  img { display: block; height: 15rem; max-width: 100%; object-fit: contain; object-position: left; }
+  th[scope=rowgroup] { font-weight: normal; overflow-wrap: anywhere; width: 52%; }
+  img { display: block; height: 15rem; max-width: 100%; object-fit: contain; object-position: left top; }
   td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
   td.verdict { white-space: nowrap; }
   td.verdict.doubtful { background: #ffe9a8; font-weight: bold; }
