@@ -156,7 +156,10 @@ def draw_label(
     ]  # fmt: skip
     places = [_inside(corner, columns, rows, (width, height)) for corner in corners]
     free = [place for place in places if not any(place.overlaps(other) for other in taken)]
-    chosen = (free or places)[0]
+    # A place that had to be shifted into the image may cover the hand.
+    hand = Place(int(left), int(top), max(1, int(right - left)), max(1, int(bottom - top)))
+    beside = [place for place in free if not place.overlaps(hand)]
+    chosen = (beside or free or places)[0]
     canvas[chosen.top : chosen.top + rows, chosen.left : chosen.left + columns] = strip
     return chosen
 

@@ -137,6 +137,15 @@ def test_a_label_is_above_the_hand_or_below_it_at_the_top() -> None:
     assert np.nonzero(changed(top))[0].min() >= 200
 
 
+def test_a_label_does_not_cover_a_hand_that_reaches_from_top_to_bottom() -> None:
+    image = grey(300, 300)
+    place = draw_label(image, "1", np.array([[100.0, 2], [200, 298]]), warning=False)
+    assert place.left >= 200
+    # At the right edge it goes to the left.
+    place = draw_label(image, "1", np.array([[100.0, 2], [299, 298]]), warning=False)
+    assert place.left + place.columns <= 100
+
+
 def test_labels_of_hands_at_one_place_do_not_cover_each_other() -> None:
     image, box = grey(400, 400), np.array([[150.0, 150], [250, 250]])
     taken: list[Place] = []
