@@ -4,7 +4,7 @@ import copy
 import json
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,7 +14,7 @@ from hand_recon.data.landmarks.files import read_landmarks
 from tests.support.landmark_writing import written
 from tests.support.tool_files import FILES, JSON_FILES, SIZE
 
-ODD = (
+ODD: Final[tuple[Any, ...]] = (
     None, True, -1, 0, 1e308, 10**400, float("nan"), float("inf"), "", "a", "left", "7", [], {}, [[]], [None],
     [[1, 2]] * 21, [1] * 63, {"x": 1}, "\ud800", "\0",
 )  # fmt: skip
@@ -52,7 +52,7 @@ def read_or_refuse(path: Path) -> None:
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_a_changed_value_is_refused_or_read(tmp_path: Path, form: str, data: st.DataObject) -> None:
-    content = copy.deepcopy(JSON_FILES[form]())
+    content = json.loads(JSON_FILES[form])
     for _ in range(data.draw(st.integers(1, 3))):
         possible = places(content)
         if not possible:

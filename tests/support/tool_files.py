@@ -2,7 +2,6 @@
 
 import json
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -355,9 +354,9 @@ def _tensorflow_js() -> list[dict[str, Any]]:
 FILES: Final = _files()
 """Files of all tools by the name of the form."""
 
-JSON_FILES: Final[dict[str, Callable[[], Any]]] = {
-    name: lambda content=file.content: json.loads(content)
+JSON_FILES: Final[dict[str, str]] = {
+    name: file.content
     for name, file in FILES.items()
     if isinstance(file.content, str) and "lines" not in name and file.name.endswith(".json")
 }
-"""Contents of the JSON files, made anew at each call."""
+"""The files that are one JSON value."""
