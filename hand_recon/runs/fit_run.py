@@ -1,6 +1,7 @@
 """Fits 3D hands to the 2D landmarks of a file or of a dataset (Sec. 3.2-3.4)."""
 
 import logging
+import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -57,7 +58,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
         return _fit_dataset(config, folder)
     settings = {
         "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
-        "landmarks": file_state(_existing(config.landmarks)),
+        "landmarks": _states(config.landmarks),
     }
     goes_on = claim_or_resume(folder, (*PRODUCTS, "config.yaml"), settings)
     landmarks = read_landmarks(
@@ -91,13 +92,19 @@ _NO_RESULT: Final = frozenset({"output", "threads", "strict", "paths", "landmark
 """Settings that the numbers of the results do not depend on."""
 
 
-def _existing(path: str) -> Path:
+def _states(path: str) -> list[list[Any]]:
+    """States of the file of landmarks, or of the files of a folder of them.
+
+    Raises:
+        FileNotFoundError: There is neither.
+    """
     found = Path(path).expanduser()
-    if not found.is_file():
+    if not found.exists():
         raise FileNotFoundError(
             f"No landmarks at {found}. Give a JSON list of hands of 21 points [u, v], COCO keypoints or CSV."
         )
-    return found
+    files = [found] if found.is_file() else sorted(one for one in found.iterdir() if one.is_file())
+    return [file_state(one) for one in files]
 
 
 def _fit_dataset(config: DictConfig, folder: Path) -> dict[str, Any]:
@@ -127,9 +134,19 @@ def source_of(config: DictConfig, hand: HandModel, before: str = "landmarks") ->
 def file_origins(landmarks: ImageLandmarks, origin: Origin) -> tuple[Origin, ...]:
     """Origins of the hands of a file of landmarks."""
     camera = "assumed" if landmarks.intrinsics is None else "given"
+    sizes: list[list[float]] = (
+        [[math.nan] * 2] * len(landmarks)
+        if landmarks.image_sizes is None
+        else landmarks.image_sizes.tolist()
+    )
     return tuple(
-        replace(origin, image=None if file is None else file.name, camera=camera)
-        for file in landmarks.images
+        replace(
+            origin,
+            image=None if file is None else file.name,
+            image_size=None if math.isnan(size[0]) else (round(size[0]), round(size[1])),
+            camera=camera,
+        )
+        for file, size in zip(landmarks.images, sizes, strict=True)
     )
 
 
