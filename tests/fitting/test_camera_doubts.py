@@ -18,6 +18,7 @@ from tests.support.exact_hands import CAMERA, assert_all_say, exact, judge, with
         (lambda k: k * k.new_tensor([[0.5], [0.5], [1]]), "the centre of an image of 322×239"),
         (lambda k: k * k.new_tensor([[2.0], [2.0], [1]]), "the centre of an image of 1288×956"),
         (lambda k: k.new_tensor([[600.0, 0, -5], [0, 600, 239], [0, 0, 1]]), "The principal point (-5, 239)"),
+        (lambda k: k.new_tensor([[600.0, 0, 0], [0, 600, 0], [0, 0, 1]]), "The principal point (0, 0)"),
         (lambda k: k.new_tensor([[100.0, 0, 322], [0, 100, 239], [0, 0, 1]]), "The focal length is 100"),
         (lambda k: k.new_tensor([[2e4, 0, 322], [0, 2e4, 239], [0, 0, 1]]), "The focal length is 2e+04"),
         (lambda k: k.new_tensor([[600.0, 0, 322], [0, 900, 239], [0, 0, 1]]), "differ by a factor of 1.50"),

@@ -27,6 +27,9 @@ matrix is one of an image of another size."""
 SAME_SHARE: Final = 0.05
 """Difference of the two ratios, relative to their mean, up to which they are equal."""
 
+SMALLEST_SHARE: Final = 0.05
+"""Least such ratio of an image of another size; below it, the principal point is the image's corner."""
+
 GREATEST_ASPECT: Final = 1.2
 """Greatest ratio of the two focal lengths."""
 
@@ -77,7 +80,8 @@ def _matrix_doubts(
     share = centre / (sizes / 2)
     alike = (share[:, 0] - share[:, 1]).abs() <= SAME_SHARE * share.mean(dim=1)
     scaled = ((share < OTHER_SIZE[0]) | (share > OTHER_SIZE[1])).all(dim=1) & alike
-    outside = ((centre < 0) | (centre > sizes)).any(dim=1) & ~scaled & longer.isfinite()
+    scaled &= (share > SMALLEST_SHARE).all(dim=1)
+    outside = ((centre <= 0) | (centre >= sizes)).any(dim=1) & ~scaled & longer.isfinite()
     return {
         "focal length": reasons(
             (relative < FOCAL_LENGTHS[0]) | (relative > FOCAL_LENGTHS[1]),

@@ -63,8 +63,8 @@ def residual_doubts(hands: FittedHands) -> dict[str, Reasons]:
             mean > MEAN_RESIDUAL,
             lambda hand: (
                 f"The projections are {float(mean[hand]):.1f} % of the hand's extent from the landmarks on "
-                f"average, expected below {MEAN_RESIDUAL:.0f} %: check the order of the landmarks, and that they "
-                "are u, v in pixels of the image."
+                f"average, expected below {MEAN_RESIDUAL:.0f} %: check the order of the landmarks, and that "
+                "they are u, v in pixels of the image."
             ),
         ),
         "one landmark": reasons(
