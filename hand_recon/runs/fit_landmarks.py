@@ -20,8 +20,8 @@ SIDES: Final = ("right", "left")
 """Sides that a hand can have."""
 
 COMMAND_ONLY: Final = frozenset(
-    {"data", "hands", "image_size", "images", "intrinsics", "landmarks", "name", "order", "output", "placeholders",
-     "results", "seed", "side", "strict", "third_value", "threads"}
+    {"data", "hands", "image_size", "images", "intrinsics", "landmarks", "name", "order", "output",
+     "placeholders", "results", "seed", "side", "strict", "third_value", "threads"}
 )  # fmt: skip
 """Settings of `hand-recon fit` that a fit of arrays does not read."""
 
