@@ -72,6 +72,7 @@ def read_photo(path: str | Path) -> Photo:
     16-bit images become 8-bit sRGB, transparent parts white, and EXIF's orientation is applied. Of files with
     several images the first is read, with a note.
 
+    Files are read one after the other, also by several threads, because Pillow's limits are the process's.
     The peak of memory is 10 bytes a pixel, 18 for WebP: 1.1 GB for a JPEG of 12,000 × 9,000.
 
     Raises:
@@ -113,7 +114,7 @@ def _checked_kind(path: Path) -> Kind:
             f"{shown(path)} is a HEIC image, for which a package is missing. Run pip install "
             '"hand-recon[heif]", or export the image as JPEG.'
         )
-    if kind.name == "AVIF" and not features.check("avif"):
+    if kind.name == "AVIF" and "avif" not in features.get_supported():
         raise PhotoError(
             f"{shown(path)} is an AVIF image, which this version of Pillow does not read. Update Pillow, or "
             "export the image as JPEG."

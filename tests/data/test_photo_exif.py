@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from hand_recon.data.photos import read_photo
-from tests.support.photos import BLUE, HEIC_ROTATED, RED, corners, exif_of, near, needs_heif
+from tests.support.photos import AVIF, BLUE, HEIC_ROTATED, RED, corners, exif_of, near, needs_heif
 
 
-@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif", "avif"])
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp", "tif", AVIF])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_every_orientation_is_applied_once(tmp_path: Path, suffix: str, orientation: int) -> None:
     # The inverses of the eight transforms, written out: what a camera stores of the upright image.

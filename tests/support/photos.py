@@ -4,7 +4,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, features
 
 RED, BLUE, GREEN = (220, 20, 20), (20, 20, 220), (10, 160, 40)
 
@@ -23,6 +23,14 @@ HEIC_ROTATED = (
 
 HAS_HEIF = find_spec("pi_heif") is not None
 
+AVIF = pytest.param(
+    "avif",
+    marks=pytest.mark.skipif(
+        "avif" not in features.get_supported(), reason="this Pillow has no AVIF"
+    ),
+)
+"""AVIF as a parameter of tests: Pillow reads it from 11.3 on."""
+
 needs_heif = pytest.mark.skipif(not HAS_HEIF, reason="pi-heif is not installed")
 
 
@@ -37,12 +45,11 @@ def corners(height: int = 32, width: int = 48) -> np.ndarray:
 def exif_of(**tags: float) -> Image.Exif:
     """EXIF with tags by their names in Pillow, those of the camera in the IFD where they belong."""
     exif = Image.Exif()
-    for name, value in tags.items():
-        tag = ExifTags.Base[name]
-        if name == "Orientation":
-            exif[tag] = value
-        else:
-            exif.get_ifd(ExifTags.IFD.Exif)[tag] = value
+    camera = {ExifTags.Base[name]: value for name, value in tags.items() if name != "Orientation"}
+    if "Orientation" in tags:
+        exif[ExifTags.Base.Orientation] = tags["Orientation"]
+    if camera:
+        exif[ExifTags.IFD.Exif] = camera
     return exif
 
 
