@@ -118,9 +118,14 @@ def test_hands_that_do_not_overlap_are_two() -> None:
     flat = np.zeros((21, 2))
     flat[:, 0] = np.linspace(0, 10, 21)
     flat[[0, 5, 17]] = np.array([[0, 0], [5, 0.1], [10, 0]])
-    beside = flat + np.array([0, 0.09])
-    assert is_same_hand(reading(flat), reading(flat + np.array([0, 0.01])))
-    assert not is_same_hand(reading(flat), reading(beside))
+    # Boxes 0.1 high, d apart, share (0.1 − d) / (0.1 + d): a quarter at 0.06, a seventh at 0.075.
+    assert is_same_hand(reading(flat), reading(flat + np.array([0, 0.06])))
+    assert not is_same_hand(reading(flat), reading(flat + np.array([0, 0.075])))
+
+
+def test_landmarks_farther_than_a_fifth_of_the_palm_are_of_two_hands() -> None:
+    assert is_same_hand(reading(spread_hand()), reading(spread_hand() + np.array([19.5, 0])))
+    assert not is_same_hand(reading(spread_hand()), reading(spread_hand() + np.array([20.5, 0])))
 
 
 def test_the_larger_hand_sets_the_distance() -> None:

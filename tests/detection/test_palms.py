@@ -153,6 +153,7 @@ class FakePalms:
 
     def __call__(self, crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert crop.shape == (192, 192, 3)
+        self.crop = crop
         return self.raw, self.logits
 
 
@@ -160,6 +161,17 @@ def network(logits: dict[int, float]) -> PalmNetwork:
     found = PalmNetwork(lambda: b"")
     vars(found)["network"] = FakePalms(logits)
     return found
+
+
+@pytest.mark.parametrize(("padding", "margin"), [(1.0, 0), (1.7, 255)])
+def test_the_margin_is_black_without_padding_and_the_repeated_edge_with_it(
+    padding: float, margin: int
+) -> None:
+    find = network({})
+    assert find(np.full((100, 200, 3), 255, dtype=np.uint8), 0.5, padding) == []
+    crop = vars(find)["network"].crop
+    assert (crop[:40] == margin).all()
+    assert (crop[60:130] == 255).all()
 
 
 def test_palms_are_in_pixels_of_the_image_not_of_the_letterbox() -> None:
