@@ -6,7 +6,7 @@
 
 Every mistake of `tools/landmark_mistakes.py` is made on the same hands, and fitted; those of cameras on
 synthetic hands in images of 640×480 pixels. The table has a row for each mistake: percent of the hands that
-are doubtful or not fitted, then percent by reason. Numbers in decision 59 are from here.
+are doubtful or not fitted, then percent by reason. Decision 59 has the numbers for the limits in use.
 """
 
 import argparse
