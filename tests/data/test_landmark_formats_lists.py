@@ -16,6 +16,7 @@ from tests.support.landmark_writing import (
     POINTS,
     SCORES,
     assert_same_hands,
+    table,
     with_scores,
     written,
 )
@@ -289,3 +290,37 @@ def test_reconstructed_hands_are_landmarks_with_the_cameras_that_were_given(
     assert (landmarks.intrinsics is not None) == known
     assert "projections of reconstructed hands; 3 left hands are read" in caplog.text
     assert "are not read; known are" not in caplog.text
+
+
+def test_the_size_of_the_image_may_stand_in_an_object_or_a_table(tmp_path: Path) -> None:
+    """(0.5, 0.25) of 640 × 480 is the pixel (320, 120)."""
+    shares = [[0.5, 0.25], *([[0.1, 0.2]] * 20)]
+    sized = {"landmarks": shares, "width": 640, "height": 480}
+    pair = {"landmarks": shares, "image_size": [640, 480]}
+    for content in ([sized], [pair], sized):
+        landmarks = read_landmarks(written(tmp_path, content))
+        assert landmarks.landmarks_2d[0, 0].tolist() == [320, 120]
+    rows: list[list[Any]] = [["hand", "landmark", "u", "v", "width", "height"]]
+    rows += [[0, landmark, *point, 640, 480] for landmark, point in enumerate(shares)]
+    assert read_landmarks(table(tmp_path, rows)).landmarks_2d[0, 0].tolist() == [320, 120]
+    titles = [f"{axis}{landmark}" for landmark in range(21) for axis in "xy"]
+    rows = [[*titles, "width", "height"], [*np.ravel(shares), 640, 480]]
+    assert read_landmarks(table(tmp_path, rows)).landmarks_2d[0, 0].tolist() == [320, 120]
+
+
+def test_objects_may_be_listed_for_each_frame(tmp_path: Path) -> None:
+    objects = [{"landmarks": hand.tolist(), "side": "left"} for hand in POINTS]
+    landmarks = read_landmarks(written(tmp_path, [objects[:2], [], objects[2:]]))
+    assert_same_hands(landmarks)
+    assert landmarks.left.all()
+
+
+def test_keypoints_may_be_objects_with_x_and_y(tmp_path: Path) -> None:
+    content = [
+        {"keypoints": [{"x": u, "y": v, "score": score} for u, v, score in hand]}
+        for hand in with_scores()
+    ]
+    landmarks = read_landmarks(written(tmp_path, content))
+    assert_same_hands(landmarks)
+    assert landmarks.confidence is not None
+    np.testing.assert_array_equal(landmarks.confidence.numpy(), SCORES)

@@ -23,10 +23,11 @@ from hand_recon.data.landmarks.formats.found import (
     Reading,
     clipped_scores,
     counts_in_words,
-    size_of,
+    sizes_of,
     text_of,
 )
 from hand_recon.data.landmarks.formats.names import landmarks_of_names, side_in
+from hand_recon.data.landmarks.formats.point_lists import coordinates_of, is_point
 from hand_recon.data.landmarks.formats.whole_body import layout_of, pick
 from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 
@@ -167,6 +168,8 @@ def _keypoints(
     given = annotation.get(key)
     if not given:
         return None
+    if isinstance(given, list) and all(is_point(point) for point in given):
+        given = [coordinates_of(point) for point in given]
     try:
         numbers = np.array(given, dtype=np.float64)
     except (ValueError, TypeError, OverflowError) as error:
@@ -251,7 +254,6 @@ def _collected(reading: Reading, hands: Sequence[_Hand]) -> ParsedHands:
     numbers = np.stack([hand.numbers for hand in hands])
     points, score = numbers[..., :2].copy(), numbers[..., 2]
     points[score == 0] = np.nan
-    sizes = np.array([size_of(hand.image) or (np.nan, np.nan) for hand in hands], dtype=np.float64)
     return ParsedHands(
         points=points,
         confidence=None if _are_visibilities(score) else clipped_scores(reading.path, score),
@@ -260,7 +262,7 @@ def _collected(reading: Reading, hands: Sequence[_Hand]) -> ParsedHands:
         images=[text_of(hand.image.get("file_name")) for hand in hands],
         boxes=_boxes(hands),
         occluded=_occluded(score),
-        image_sizes=None if np.isnan(sizes).all() else sizes,
+        image_sizes=sizes_of([hand.image for hand in hands]),
         title=reading.title,
         left_out=counts_in_words(reading.left_out),
         in_freihand_order=reading.named,

@@ -6,8 +6,8 @@ JSON), `confidence0 …` or `sigma0 …`, if wanted; or columns named after land
 `confidence` or `sigma`, if wanted; the landmark by its number or by its name in
 `hand_recon.hand.skeleton.LANDMARKS`, landmarks without a row are missing. With a column `image` or `frame`,
 hands are told apart in each image, so that they may be numbered from 0 in every one. Either may have `side`,
-`name` and `image`. `x` and `y` may stand for `u` and `v`. An empty cell is a missing number. Columns are
-separated by commas, semicolons or tabs.
+`name`, `image`, and the image's `width` and `height`. `x` and `y` may stand for `u` and `v`. An empty cell is
+a missing number. Columns are separated by commas, semicolons or tabs.
 """
 
 import csv
@@ -110,6 +110,7 @@ def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHan
         sides=_sides(path, _cells(header, rows, "side")),
         names=_cells(header, rows, "name"),
         images=_cells(header, rows, "image"),
+        image_sizes=_sizes(path, header, rows),
     )
 
 
@@ -141,6 +142,7 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
         sides=_sides(path, _cells(header, one_each, "side")),
         names=_cells(header, one_each, "name") or list(hands),
         images=_cells(header, one_each, "image"),
+        image_sizes=_sizes(path, header, one_each),
         title=None
         if called == [row[header["hand"]].strip() for row in rows]
         else "a table of landmarks whose hands are numbered anew in each image",
@@ -182,6 +184,13 @@ def _landmarks(path: Path, cells: Sequence[str]) -> Int[np.ndarray, " row"]:
                 f"{path}: unknown landmark {key!r}; expected 0 to 20 or one of {list(LANDMARKS)}."
             )
     return np.array([known[key] for key in keys], dtype=np.int64)
+
+
+def _sizes(path: Path, header: dict[str, int], rows: Rows) -> Float[np.ndarray, "hand 2"] | None:
+    if not {"width", "height"} <= header.keys():
+        return None
+    cells = [[row[header[title]] for title in ("width", "height")] for row in rows]
+    return _numbers(path, cells)
 
 
 def _cells(header: dict[str, int], rows: Rows, title: str) -> list[str | None]:

@@ -149,6 +149,9 @@ def _parse_content(path: Path, content: Any) -> ParsedHands:  # noqa: ANN401  # 
     form = json_format_of(content)
     if form is not None:
         return form.parse(path, content)
+    unnested = _objects_of_frames(content)
+    if unnested:
+        return _parse_content(path, unnested)
     if isinstance(content, dict):
         content = (
             content["hands"]
@@ -160,6 +163,16 @@ def _parse_content(path: Path, content: Any) -> ParsedHands:  # noqa: ANN401  # 
     if any(isinstance(entry, dict) and not is_point(entry) for entry in content):
         return parse_objects(path, content)
     return parse_points(path, content)
+
+
+def _objects_of_frames(content: object) -> list[dict[str, Any]]:
+    """The objects of a list of lists of objects, one list for each frame; empty for anything else."""
+    frames = content if isinstance(content, list) else []
+    if not all(isinstance(frame, list) for frame in frames):
+        return []
+    entries = [entry for frame in frames for entry in frame]
+    are_objects = all(isinstance(entry, dict) and not is_point(entry) for entry in entries)
+    return entries if are_objects else []
 
 
 def _parse_array(path: Path, content: bytes) -> ParsedHands:
@@ -190,10 +203,15 @@ def _with_cameras(
 
 
 def _refuse_huge(path: Path, parsed: ParsedHands) -> None:
-    """Refuse finite coordinates that no image has, and that would overflow in what follows."""
-    sizes = np.abs(np.where(np.isfinite(parsed.points), parsed.points, 0.0))
+    """Refuse coordinates that no image has, and that would overflow in what follows."""
+    sizes = np.abs(np.where(np.isnan(parsed.points), 0.0, parsed.points)).max(axis=(1, 2))
     refuse(
-        path, np.any(sizes > LARGEST_IMAGE, axis=(1, 2)),
+        path,
+        np.isinf(sizes),
+        "infinite coordinates; write null for a landmark that is missing.",
+    )
+    refuse(
+        path, sizes > LARGEST_IMAGE,
         f"coordinates beyond {LARGEST_IMAGE:,.0f} pixels; write null for a landmark that is missing.",
     )  # fmt: skip
 

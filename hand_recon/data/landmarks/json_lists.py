@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hand_recon.data.landmarks.camera_files import to_camera_matrices
-from hand_recon.data.landmarks.formats.found import counts_in_words
+from hand_recon.data.landmarks.formats.found import counts_in_words, sizes_of
 from hand_recon.data.landmarks.formats.names import landmarks_of_names
 from hand_recon.data.landmarks.formats.point_lists import (
     PointHand,
@@ -33,8 +33,12 @@ CAMERA_KEYS: Final = ("intrinsics", "K")
 SIGMA_KEYS: Final = ("sigma_2d", "sigma")
 """Keys of an object's standard deviations."""
 
+SIZE_KEYS: Final = ("width", "height", "image_size")
+"""Keys of the image's size."""
+
 KNOWN_KEYS: Final = (
     *LANDMARK_KEYS, *SIDE_KEYS, *CAMERA_KEYS, *SIGMA_KEYS, "image", "name", "confidence", "box", "occluded",
+    *SIZE_KEYS,
 )  # fmt: skip
 """All keys of an object that are read."""
 
@@ -115,7 +119,11 @@ def _parse_results(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
     known = bool(cameras) and all(camera is not None for camera in cameras)
     spare = next((camera for camera in cameras if camera is not None), None)
     entries = [
-        {**entry, "intrinsics": (_camera_of_result(entry) or spare) if known else None}
+        {
+            **entry,
+            "intrinsics": (_camera_of_result(entry) or spare) if known else None,
+            "image_size": _size_of_result(entry),
+        }
         for entry in content
     ]
     return replace(_parse(path, entries), title="projections of reconstructed hands")
@@ -128,6 +136,11 @@ def _camera_of_result(entry: dict[str, Any]) -> object:
         return None
     measured = camera.get("known") is True or str(camera.get("source")) in _GIVEN
     return camera.get("intrinsics") if measured else None
+
+
+def _size_of_result(entry: dict[str, Any]) -> object:
+    camera = entry.get("camera")
+    return camera.get("image_size") if isinstance(camera, dict) else None
 
 
 def _parse(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
@@ -154,6 +167,7 @@ def _parse(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
         images=[_text(entry.get("image")) for entry in content],
         boxes=_boxes(path, content),
         occluded=_occluded(path, content),
+        image_sizes=sizes_of(content),
         title=_title(lists, "objects with landmarks") if lists.converted else None,
     )
 

@@ -69,7 +69,7 @@ def to_parsed(
         names=[hand.name for hand in hands],
         images=[hand.image for hand in hands],
         occluded=_occluded(hands),
-        image_sizes=_sizes(hands),
+        image_sizes=sizes_of([{"image_size": hand.image_size} for hand in hands]),
         title=title,
         left_out=counted,
     )
@@ -108,12 +108,6 @@ def _occluded(hands: Sequence[FoundHand]) -> Bool[np.ndarray, "hand landmark=21"
     rows = [hand.occluded for hand in hands if hand.occluded is not None]
     stacked = np.stack(rows) if len(rows) == len(hands) else np.zeros((0, 21), dtype=bool)
     return stacked if stacked.any() else None
-
-
-def _sizes(hands: Sequence[FoundHand]) -> Float[np.ndarray, "hand 2"] | None:
-    if all(hand.image_size is None for hand in hands):
-        return None
-    return np.array([hand.image_size or (np.nan, np.nan) for hand in hands], dtype=np.float64)
 
 
 class Reading:
@@ -242,7 +236,7 @@ def first_of(entry: Mapping[str, Any], keys: Iterable[str]) -> Any:  # noqa: ANN
 def size_of(entry: Mapping[str, Any]) -> tuple[float, float] | None:
     """Width and height of an image in pixels, where an object states both; None otherwise."""
     pair = first_of(entry, ("image_size", "imageSize"))
-    if not isinstance(pair, list) or len(pair) != 2:
+    if not isinstance(pair, list | tuple) or len(pair) != 2:
         pair = [first_of(entry, keys) for keys in _SIZE_KEYS]
     sizes = [
         float(value) if isinstance(value, int | float) and 1 < value < 1e6 else 0.0
@@ -255,6 +249,14 @@ _SIZE_KEYS: Final = (
     ("width", "image_width", "imageWidth", "original_width"),
     ("height", "image_height", "imageHeight", "original_height"),
 )
+
+
+def sizes_of(entries: Sequence[Mapping[str, Any]]) -> Float[np.ndarray, "hand 2"] | None:
+    """`size_of` of objects, NaN for those that state none; None if none of them does."""
+    sizes = [size_of(entry) for entry in entries]
+    if all(size is None for size in sizes):
+        return None
+    return np.array([size or (np.nan, np.nan) for size in sizes], dtype=np.float64)
 
 
 def text_of(value: object) -> str | None:

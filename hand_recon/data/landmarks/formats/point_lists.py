@@ -156,7 +156,7 @@ class PointLists:
 
     def _check_joints(self, number: int, points: Sequence[Any]) -> None:
         """Refuse a headset's joints in 3D, and 25 or 26 points that are something else."""
-        rows = [_coordinates(point)[:2] or [None, None] for point in points]
+        rows = [coordinates_of(point)[:2] or [None, None] for point in points]
         try:
             plane = np.array(rows, dtype=np.float64)
         except (ValueError, TypeError, OverflowError) as error:
@@ -194,7 +194,7 @@ class PointLists:
         if point is None:
             return [None] * 3
         if isinstance(point, dict) and is_point(point):
-            point = _coordinates(point)
+            point = coordinates_of(point)
         if isinstance(point, list) and len(point) in (2, 3):
             return point if len(point) == 3 else [*point, None]
         raise ValueError(
@@ -218,8 +218,8 @@ class PointLists:
         return points
 
 
-def _coordinates(point: object) -> list[Any]:
-    """A point's coordinates and, of an object, its score; the depth of an object is not read."""
+def coordinates_of(point: object) -> list[Any]:
+    """Numbers of a point as a list; of an object, its coordinates and score, but not its depth."""
     if isinstance(point, list):
         return point
     if not isinstance(point, dict):
