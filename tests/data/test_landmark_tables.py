@@ -116,3 +116,31 @@ def test_what_is_no_camera_is_refused(tmp_path: Path, content: Any, message: str
 def test_a_camera_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"No camera matrices at .*K\.json"):
         read_landmarks(written(tmp_path, POINTS.tolist()), tmp_path / "K.json")
+
+
+def test_the_tables_of_a_fit_are_read_or_refused_with_the_cure(tmp_path: Path) -> None:
+    """`landmarks.csv` has projections in pixels; `hands.csv` has joint angles and no landmarks."""
+    titles = [
+        "hand",
+        "image",
+        "side",
+        "landmark",
+        "observed_u_px",
+        "observed_v_px",
+        "u_px",
+        "v_px",
+        "x_m",
+    ]
+    rows: list[list[Any]] = [titles]
+    rows += [
+        [hand, "", "left", name, "", "", *POINTS[hand, landmark], 0.01]
+        for hand in range(2)
+        for landmark, name in enumerate(LANDMARKS)
+    ]
+    landmarks = read_landmarks(table(tmp_path, rows))
+    assert_same_hands(landmarks, POINTS[:2])
+    assert landmarks.left.all()
+    with pytest.raises(ValueError, match=r"give hands\.json or landmarks\.csv"):
+        read_landmarks(
+            table(tmp_path, [["hand", "residual_px", "index_MCP_bend_degrees"], [0, 1, 2]])
+        )

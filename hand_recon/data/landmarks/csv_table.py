@@ -6,8 +6,9 @@ JSON), `confidence0 …` or `sigma0 …`, if wanted; or columns named after land
 `confidence` or `sigma`, if wanted; the landmark by its number or by its name in
 `hand_recon.hand.skeleton.LANDMARKS`, landmarks without a row are missing. With a column `image` or `frame`,
 hands are told apart in each image, so that they may be numbered from 0 in every one. Either may have `side`,
-`name`, `image`, and the image's `width` and `height`. `x` and `y` may stand for `u` and `v`. An empty cell is
-a missing number. Columns are separated by commas, semicolons or tabs.
+`name`, `image`, and the image's `width` and `height`. `x` and `y` may stand for `u` and `v`, and so may
+`u_px` and `v_px`, as in the `landmarks.csv` of a fit. An empty cell is a missing number. Columns are
+separated by commas, semicolons or tabs.
 """
 
 import csv
@@ -52,7 +53,8 @@ def parse_csv(path: Path, text: str) -> ParsedHands:
     named = hands_of_named_columns(path, header, rows)
     if named is not None:
         return named
-    raise ValueError(f"{path} has the columns {titles[:12]}; {_EXPECTED}.")
+    hint = " Of a fit, give hands.json or landmarks.csv." if "residual_px" in header else ""
+    raise ValueError(f"{path} has the columns {titles[:12]}; {_EXPECTED}.{hint}")
 
 
 def _table(path: Path, text: str) -> tuple[dict[str, int], Rows]:
@@ -79,12 +81,15 @@ def _table(path: Path, text: str) -> tuple[dict[str, int], Rows]:
 
 
 def _with_u_and_v(header: dict[str, int]) -> dict[str, int]:
-    """Columns with `u` and `v` in place of `x` and `y`, if there is no `u` yet."""
+    """Columns with `u` and `v` in place of `x` and `y`, or of `u_px` and `v_px`, if there is no `u` yet."""
     if "u" in header or "u0" in header:
         return header
     letters = {"x": "u", "y": "v"}
+    own = {"u_px": "u", "v_px": "v"}
 
     def renamed(title: str) -> str:
+        if own.keys() <= header.keys():
+            return own.get(title, title)
         letter, number = title[:1], title[1:].lstrip("_")
         is_coordinate = letter in letters and (not title[1:] or number.isdigit())
         return f"{letters[letter]}{number}" if is_coordinate else title
