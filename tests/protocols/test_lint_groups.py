@@ -214,3 +214,30 @@ def test_sequences_are_named_where_the_list_of_frames_is_there(
     many = [f"{letter}/0" for letter in "abcdefg"]
     assert sequences_of(many, torch.ones(7).bool()) == " (a, b, c, d, e and 2 more)"
     assert sequences_of(["0", "1"], torch.ones(2).bool()) == ""
+
+
+def video(hand: HandModel, count: int, seed: int) -> HandPoints:
+    """A hand that moves smoothly from one pose to another in every 40 frames."""
+    poses = true_hands(hand, count // 40 + 2, seed).landmarks
+    time = torch.arange(count).double() / 40
+    pose, share = time.long(), (time % 1)[:, None, None]
+    share = share * share * (3 - 2 * share)
+    return HandPoints(poses[pose] * (1 - share) + poses[pose + 1] * share)
+
+
+@pytest.mark.parametrize("error", ["none", "noise", "drift", "other"])
+def test_a_video_without_mistakes_raises_no_alarm_however_bad_it_is(
+    hand: HandModel, error: str
+) -> None:
+    ground_truth = video(hand, 400, seed=1)
+    other = video(hand, 400, seed=51).landmarks
+    other = other - other.mean(dim=1, keepdim=True)
+    middle = ground_truth.landmarks.mean(dim=1, keepdim=True)
+    prediction = {
+        "none": ground_truth.landmarks,
+        "noise": noisy(ground_truth, 0.02).landmarks,
+        # Errors that neighbouring frames share, as a network makes them.
+        "drift": ground_truth.landmarks + 0.3 * other,
+        "other": other + middle,
+    }[error]
+    assert mistakes(lint(ground_truth, HandPoints(prediction), FREIHAND)) == []

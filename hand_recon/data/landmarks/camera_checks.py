@@ -54,8 +54,9 @@ def in_pixels(path: Path, matrices: Matrices, sizes: Sizes) -> Matrices:
     )
     if np.isnan(sizes[shares]).any():
         raise ValueError(
-            f"{found}, which is not known. Expected are pixels: multiply the first row by the image's width "
-            "and the second by its height, or add image_size: [width, height] to the camera's file."
+            f"{found}. The image's size is not known. Expected are pixels: multiply the first row by the "
+            "image's width and the second by its height, or add image_size: [width, height] to the camera's "
+            "file."
         )
     larger = matrices.copy()
     larger[shares, :2] *= sizes[shares][:, :, None]

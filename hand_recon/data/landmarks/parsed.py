@@ -222,8 +222,8 @@ def _warn_of_another_order(
     # Points that are no hand have long bones in every order.
     if order is not None and float(np.median(bone_sums(points)[order])) < LONGEST_BONES:
         logger.warning(
-            "%s: the landmarks look to be in the order of %r and not of %r: bones are shorter in that order "
-            "(decision 42). They are read as %r; if that is wrong, set order=%s (data.order in training).",
+            "%s: the landmarks look to be in the order of %r and not of %r: bones are shorter in that order. "
+            "They are read as %r; if that is wrong, set order=%s (data.order in training).",
             path, order, assumed, assumed, order,
         )  # fmt: skip
 

@@ -34,7 +34,7 @@ def at_placeholders(
     others = np.isfinite(points).all(axis=-1) & ~known
     negative = others & (points < 0).any(axis=-1)
     known &= (2 * negative.sum(axis=1) <= others.sum(axis=1))[:, None]
-    for hand in range(len(points)):
+    for hand in np.flatnonzero(_with_repeated_pairs(points)):
         known[hand] |= _repeated_far_away(points[hand], known[hand])
     return known
 
@@ -53,6 +53,14 @@ def say_placeholders(
             path, int(nowhere.sum()), int(nowhere.any(axis=1).sum()),
             " or ".join(f"({u:g}, {v:g})" for u, v in pairs[:3]),
         )  # fmt: skip
+
+
+def _with_repeated_pairs(
+    points: Float[np.ndarray, "hand landmark=21 2"],
+) -> Bool[np.ndarray, " hand"]:
+    """Mask of the hands in which two landmarks have the same coordinates."""
+    pairs = np.sort(points[..., 0] + 1j * points[..., 1], axis=1)
+    return np.asarray((pairs[:, 1:] == pairs[:, :-1]).any(axis=1))
 
 
 def _repeated_far_away(

@@ -44,10 +44,12 @@ def refuse_points_in_space(
     unit = _unit(hands) if len(hands) else None
     if unit is None:
         return
+    example = (
+        " In FreiHAND, training_K.json holds K for training_xyz.json." if unit == "metres" else ""
+    )
     raise ValueError(
         f"{path}: the numbers are 3D points in {unit} ({_median_size(hands):.3g} from corner to corner of a "
-        f"hand's box in the median), and expected are 2D landmarks in pixels. {_cure(hands)} In FreiHAND, "
-        "training_K.json holds K for training_xyz.json."
+        f"hand's box in the median), and expected are 2D landmarks in pixels. {_cure(hands)}{example}"
     )
 
 

@@ -129,4 +129,6 @@ def in_some_blocks(
         suspicion,
         found=f"A part of your frames ({where}) differs from the others. {suspicion.found}",
         fix=f"correct these alone: {suspicion.fix}",
+        # Consecutive frames are alike, so that a group is less evidence than its number of frames says.
+        confidence="likely",
     )
