@@ -12,16 +12,9 @@ from PIL import Image
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
+from tests.support.annotation_files import SIZE, flat
 from tests.support.landmark_writing import POINTS, SCORES, assert_same_hands, coco_hand, written
-from tests.support.tool_files import (
-    FILES,
-    SIZE,
-    ToolFile,
-    flat,
-    mediapipe,
-    mmpose_instances,
-    people,
-)
+from tests.support.tool_files import FILES, ToolFile, mediapipe, mmpose_instances, people
 
 
 def in_folder(folder: Path, file: ToolFile) -> Path:

@@ -9,8 +9,7 @@ import pytest
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.hand.skeleton import LANDMARKS
-from tests.support.landmark_writing import POINTS, assert_same_hands, table, written
-from tests.support.tool_files import (
+from tests.support.annotation_files import (
     SIZE,
     cvat_images,
     cvat_video,
@@ -18,6 +17,7 @@ from tests.support.tool_files import (
     label_studio_task,
     labelme,
 )
+from tests.support.landmark_writing import POINTS, assert_same_hands, table, written
 
 
 def test_labelme_points_without_group_are_one_hand(tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hand_recon.data.landmarks.files import read_landmarks
+from tests.support.annotation_files import SIZE
 from tests.support.landmark_writing import written
-from tests.support.tool_files import FILES, JSON_FILES, SIZE
+from tests.support.tool_files import FILES, JSON_FILES
 
 ODD: Final[tuple[Any, ...]] = (
     None, True, -1, 0, 1e308, 10**400, float("nan"), float("inf"), "", "a", "left", "7", [], {}, [[]], [None],

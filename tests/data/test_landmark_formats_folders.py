@@ -10,8 +10,9 @@ import pytest
 from PIL import Image
 
 from hand_recon.data.landmarks.files import read_landmarks
+from tests.support.annotation_files import SIZE, labelme, yolo_labels
 from tests.support.landmark_writing import POINTS, SCORES, assert_same_hands, with_scores, written
-from tests.support.tool_files import SIZE, labelme, mediapipe, people, yolo_labels
+from tests.support.tool_files import mediapipe, people
 
 
 def test_the_files_of_openpose_are_read_in_the_order_of_their_numbers(

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from hand_recon.data.landmarks.files import read_landmarks
+from tests.support.annotation_files import SIZE
 from tests.support.landmark_writing import POINTS
-from tests.support.tool_files import SIZE, pose_file
+from tests.support.tool_files import pose_file
 
 
 def in_folder(folder: Path, content: bytes) -> Path:
