@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from hand_recon import reconstruct
-from hand_recon.data.photos import read_photo
 
 ROOT = Path(__file__).resolve().parents[1]
 PHOTOS = ("two_hands.jpg", "hand.jpg")
@@ -21,11 +20,7 @@ def main() -> None:
     """Reconstruct the hands of each photograph, and put the drawings side by side at one height."""
     drawings = []
     for name in PHOTOS:
-        pixels = read_photo(ROOT / "examples" / name).pixels
-        # A drawing has its photograph's resolution, which is too low for lines in one of 100 pixels.
-        larger = max(1.0, HEIGHT / max(pixels.shape))
-        pixels = cv2.resize(pixels, None, fx=larger, fy=larger, interpolation=cv2.INTER_CUBIC)
-        drawing = reconstruct(pixels).draw()
+        drawing = reconstruct(ROOT / "examples" / name).draw()
         scale = HEIGHT / drawing.shape[0]
         drawings.append(cv2.resize(drawing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     sheet = np.concatenate(drawings, axis=1)[..., ::-1]

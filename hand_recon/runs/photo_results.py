@@ -26,7 +26,7 @@ from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.fitting.results import MESH_FORMATS, file_name
 from hand_recon.runs.looking import LookedAt
 from hand_recon.visualization.gallery import GalleryEntry, GalleryHand, write_gallery
-from hand_recon.visualization.hand_overlay import draw_hands
+from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
 
 logger = logging.getLogger(__name__)
 
@@ -41,6 +41,10 @@ COLUMNS: Final = (
     "draw_ms",
 )  # fmt: skip
 """Columns of `images.csv`."""
+
+
+STYLE: Final = OverlayStyle(smallest=480)
+"""Drawings have the resolution of their photographs; smaller ones are enlarged to this for lines and letters."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +161,7 @@ class PhotoResults:
             return ""
         vertices = part.prediction.vertices.numpy()
         drawn = [drawn_hand(records, vertices, hand, str(hand - rows.start + 1)) for hand in fitted]
-        image = draw_hands(read_photo(one.path).pixels, drawn, self.faces)
+        image = draw_hands(read_photo(one.path).pixels, drawn, self.faces, STYLE)
         write_jpeg(_made(self.folder / "overlays") / f"{name}.jpg", image)
         return f"overlays/{name}.jpg"
 

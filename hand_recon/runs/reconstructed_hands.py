@@ -17,7 +17,7 @@ from hand_recon.fitting.hands_file import hand_entries, writing_hands
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.fitting.results import ResultOptions, write_png, write_results
-from hand_recon.visualization.hand_overlay import draw_hands
+from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
 
 _MESHES: Final = (".obj", ".ply", ".glb")
 
@@ -134,7 +134,7 @@ class ReconstructedHands:
                 for number, hand in enumerate(hands, start=1)
                 if self.fitted[hand]
             ]
-            drawings.append(draw_hands(pixels, drawn, self.faces))
+            drawings.append(draw_hands(pixels, drawn, self.faces, OverlayStyle(smallest=480)))
         width = max(one.shape[1] for one in drawings)
         return np.concatenate(
             [

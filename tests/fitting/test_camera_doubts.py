@@ -60,6 +60,10 @@ def test_depths_that_no_hand_is_seen_at_are_doubtful(hand: HandModel, depth: flo
     # An assumed camera has depths of its own.
     assumed = replace(hands, prediction=moved, observed=replace(hands.observed, intrinsics=None))
     assert {verdict.value for verdict in judge(assumed)} == {PLAUSIBLE}
+    # So has one whose matrix was made for a photograph without a known camera.
+    origins = tuple(replace(one, camera="assumed") for one in hands.origins)
+    made = replace(hands, prediction=moved, origins=origins)
+    assert {verdict.value for verdict in judge(made)} == {PLAUSIBLE}
 
 
 def test_landmarks_outside_the_image_are_doubtful_if_they_are_most(hand: HandModel) -> None:

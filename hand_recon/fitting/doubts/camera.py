@@ -50,7 +50,13 @@ def camera_doubts(
     found = {"outside the image": _outside(hands, sizes)}
     if hands.observed.intrinsics is not None:
         matrices = hands.observed.intrinsics.double()
-        found |= _matrix_doubts(matrices, sizes) | _position_doubts(hands, matrices)
+        doubts = _matrix_doubts(matrices, sizes) | _position_doubts(hands, matrices)
+        # An assumed camera says nothing about distances, even where a matrix was made of it.
+        known = {hand for hand, origin in enumerate(hands.origins) if origin.camera != "assumed"}
+        found |= {
+            name: {hand: sentence for hand, sentence in those.items() if hand in known}
+            for name, those in doubts.items()
+        }
     return found
 
 
