@@ -101,6 +101,33 @@ def test_labels_in_upright_pixels_stay(
     assert not caplog.text
 
 
+def test_a_fit_has_upright_labels_unless_its_camera_is_given(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for number in range(3):
+        stored_image(tmp_path / f"{number}.jpg", 6)
+    path = coco(tmp_path, (WIDTH, HEIGHT))
+    free = read_landmarks(path)
+    np.testing.assert_allclose(free.landmarks_2d[2].numpy(), rotated(6))
+    assert free.image_sizes is not None
+    assert free.image_sizes.tolist() == [[HEIGHT, WIDTH]] * 3
+    (tmp_path / "K.json").write_text("[[150, 0, 80], [0, 150, 50], [0, 0, 1]]")
+    caplog.clear()
+    given = read_landmarks(path, tmp_path / "K.json")
+    np.testing.assert_array_equal(given.landmarks_2d[2].numpy(), POINTS)
+    assert "As their cameras are given, the results of a fit stay in that frame" in caplog.text
+
+
+def test_a_fit_of_labels_of_another_size_is_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for number in range(3):
+        stored_image(tmp_path / f"{number}.jpg", 1)
+    landmarks = read_landmarks(coco(tmp_path, (2 * WIDTH, 2 * HEIGHT)))
+    assert len(landmarks) == 3
+    assert "for 3 of 3 hands the file gives another size than the image has" in caplog.text
+
+
 def test_only_the_rotated_images_of_a_file_are_rotated(tmp_path: Path) -> None:
     for number, orientation in enumerate((1, 6, 8)):
         stored_image(tmp_path / f"{number}.jpg", orientation)

@@ -51,6 +51,7 @@ from hand_recon.data.landmarks.formats.registry import json_format_of
 from hand_recon.data.landmarks.formats.shares import shares_to_pixels
 from hand_recon.data.landmarks.formats.ultralytics import is_yolo_labels, parse_yolo_labels
 from hand_recon.data.landmarks.image_landmarks import FEWEST, ImageLandmarks
+from hand_recon.data.landmarks.image_orientation import upright_without_camera
 from hand_recon.data.landmarks.json_lists import objects_in, parse_objects, parse_points
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
 from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
@@ -94,7 +95,7 @@ def read_landmarks(
         refuse_points_in_space(path, parsed.points, parsed.third_value)
         parsed = shares_to_pixels(path, parsed, assumed.images or path.parent, image_size)
     landmarks = to_image_landmarks(path, parsed, _order_of_file(path, parsed, assumed))
-    landmarks = _with_cameras(path, landmarks, intrinsics)
+    landmarks = upright_without_camera(_with_cameras(path, landmarks, intrinsics), path)
     _tell(path, parsed, landmarks)
     poor = [name for name, good in zip(landmarks.names, landmarks.usable, strict=True) if not good]
     if poor:
@@ -203,7 +204,7 @@ def _with_cameras(
 
 
 def _refuse_huge(path: Path, parsed: ParsedHands) -> None:
-    """Refuse coordinates that no image has, and that would overflow in what follows."""
+    """Refuse numbers that no image has, and that would overflow in what follows."""
     sizes = np.abs(np.where(np.isnan(parsed.points), 0.0, parsed.points)).max(axis=(1, 2))
     refuse(
         path,
@@ -214,6 +215,12 @@ def _refuse_huge(path: Path, parsed: ParsedHands) -> None:
         path, sizes > LARGEST_IMAGE,
         f"coordinates beyond {LARGEST_IMAGE:,.0f} pixels; write null for a landmark that is missing.",
     )  # fmt: skip
+    if parsed.third_value is not None:
+        third = np.abs(np.where(np.isfinite(parsed.third_value), parsed.third_value, 0.0))
+        refuse(
+            path, third.max(axis=1) > LARGEST_IMAGE,
+            f"third values beyond {LARGEST_IMAGE:,.0f}, which are neither confidences nor σ; leave them out.",
+        )  # fmt: skip
 
 
 def _order_of_file(path: Path, parsed: ParsedHands, assumed: Assumptions) -> Assumptions:

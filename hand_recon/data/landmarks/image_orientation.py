@@ -39,7 +39,35 @@ class _Rasters:
     """True for hands whose size in the file is neither."""
 
 
-def to_upright(landmarks: ImageLandmarks, where: Path) -> ImageLandmarks:
+def upright_without_camera(landmarks: ImageLandmarks, where: Path) -> ImageLandmarks:
+    """Landmarks in pixels of the upright images (`to_upright`), unless their cameras are known.
+
+    With cameras, they stay in the frame of the cameras, which the results are in, with a warning. Sizes that
+    are those of other images are warned of.
+
+    Args:
+        landmarks: Landmarks of any hands.
+        where: Their file, for messages.
+
+    Raises:
+        ValueError: A stored image is mirrored.
+    """
+    if landmarks.image_sizes is None:
+        return landmarks
+    if landmarks.intrinsics is None:
+        return to_upright(landmarks, where, strict=False)
+    lying = _compare(landmarks).lying
+    if lying.any():
+        logger.warning(
+            "%s: %d of %d hands are in pixels of images as they are stored, which EXIF's orientation rotates "
+            "by 90°. As their cameras are given, the results of a fit stay in that frame, and drawings on "
+            "these images are rotated.",
+            where, int(lying.sum()), len(landmarks),
+        )  # fmt: skip
+    return landmarks
+
+
+def to_upright(landmarks: ImageLandmarks, where: Path, strict: bool = True) -> ImageLandmarks:
     """Landmarks in pixels of the upright images, where the sizes in their file are those of stored images.
 
     Hands without an image or without a size in the file stay as they are.
@@ -47,6 +75,7 @@ def to_upright(landmarks: ImageLandmarks, where: Path) -> ImageLandmarks:
     Args:
         landmarks: Landmarks of any hands.
         where: Their file or folder, for messages.
+        strict: Refuse files most of whose sizes are not those of the images; else this is only logged.
 
     Raises:
         ValueError: Most sizes in the file are not those of the images, or a stored image is mirrored.
@@ -54,7 +83,7 @@ def to_upright(landmarks: ImageLandmarks, where: Path) -> ImageLandmarks:
     if landmarks.image_sizes is None:
         return landmarks
     rasters = _compare(landmarks)
-    _refuse_other_sizes(landmarks, rasters, where)
+    _refuse_other_sizes(landmarks, rasters, where, strict)
     if not rasters.lying.any():
         return landmarks
     mirrored = rasters.lying & np.isin(rasters.orientation, MIRRORED)
@@ -96,7 +125,9 @@ def _compare(landmarks: ImageLandmarks) -> _Rasters:
     return _Rasters(stored, orientation, lying, known & ~same & ~lying)
 
 
-def _refuse_other_sizes(landmarks: ImageLandmarks, rasters: _Rasters, where: Path) -> None:
+def _refuse_other_sizes(
+    landmarks: ImageLandmarks, rasters: _Rasters, where: Path, strict: bool
+) -> None:
     if not rasters.other.any() or landmarks.image_sizes is None:
         return
     hand = int(np.flatnonzero(rasters.other)[0])
@@ -105,7 +136,7 @@ def _refuse_other_sizes(landmarks: ImageLandmarks, rasters: _Rasters, where: Pat
         "the image has; the first is {:g} × {:g} in the file and {:g} × {:g} on the disk ({})"
     ).format(*landmarks.image_sizes[hand].tolist(), *rasters.stored[hand], landmarks.images[hand])
     known = np.isfinite(rasters.stored).all(axis=1)
-    if 2 * rasters.other.sum() > known.sum():
+    if strict and 2 * rasters.other.sum() > known.sum():
         raise ValueError(
             f"{found}. Labels must be in pixels of the images as they are on the disk: scale the labels by "
             "the ratio of the sizes, use the images that were labelled, or correct `width` and `height`."
