@@ -180,7 +180,23 @@ def test_scores_of_mmpose_above_one_are_read_as_one(
     assert landmarks.confidence[0, :2].tolist() == [1.0, 1.0]
     assert not landmarks.labelled[0, 2]
     assert landmarks.confidence[1].tolist() == SCORES[1].tolist()
-    assert "3 scores above 1 or below 0 are read as 1 and 0; the highest is 6" in caplog.text
+    assert (
+        "3 of 63 scores are above 1 or below 0 and are read as 1 and 0; the highest is 6"
+        in caplog.text
+    )
+    assert not [record for record in caplog.records if record.levelno > logging.INFO]
+
+
+def test_scores_that_are_above_one_for_the_most_part_are_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    instances = mmpose_instances()
+    for instance in instances:
+        instance["keypoint_scores"] = [3.0] * 21
+    landmarks = read_landmarks(written(tmp_path, instances))
+    assert landmarks.confidence is not None
+    assert (landmarks.confidence == 1).all()
+    assert "63 of 63 scores are above 1" in caplog.text
 
 
 def test_bodies_of_mmpose_without_hands_are_left_out_and_counted(

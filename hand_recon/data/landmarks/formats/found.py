@@ -84,11 +84,14 @@ def clipped_scores(
     path: Path, score: Float[np.ndarray, "hand landmark=21"]
 ) -> Float[np.ndarray, "hand landmark=21"]:
     """Scores from 0 to 1: those of some detectors (RTMPose, AlphaPose) exceed 1 or go below 0."""
-    outside = int(((score > 1) | (score < 0)).sum())
-    if outside:
-        logger.info(
-            "%s: %d scores above 1 or below 0 are read as 1 and 0; the highest is %.4g.",
-            path, outside, np.nanmax(score),
+    outside = (score > 1) | (score < 0)
+    if outside.any():
+        # Some of AlphaPose's go to 6, and tell nothing once they are clipped.
+        most = 2 * outside.sum() > np.isfinite(score).sum()
+        logger.log(
+            logging.WARNING if most else logging.INFO,
+            "%s: %d of %d scores are above 1 or below 0 and are read as 1 and 0; the highest is %.4g.",
+            path, int(outside.sum()), int((~np.isnan(score)).sum()), np.nanmax(score),
         )  # fmt: skip
     return score.clip(min=0.0, max=1.0)
 
