@@ -198,6 +198,19 @@ def _draw_titles(canvas: Canvas, hands: Sequence[DrawnHand]) -> None:
             box = np.stack([places.min(axis=0) - margin, places.max(axis=0) + margin])
             box = box.clip(0, (width, height))
             taken.append(draw_label(canvas, hand.title, box, taken, warning=hand.doubtful))
+            _draw_leader(canvas, taken[-1], places)
+
+
+def _draw_leader(canvas: Canvas, label: Place, points: Float[np.ndarray, "point 2"]) -> None:
+    """Draw a line from a label to the nearest point of its hand, so that it is seen whose label it is."""
+    low = np.array([label.left, label.top], dtype=float)
+    high = low + np.array([label.columns, label.rows]) - 1
+    ends = points.clip(low, high)
+    nearest = int(np.linalg.norm(points - ends, axis=1).argmin())
+    if not np.array_equal(ends[nearest], points[nearest]):
+        start, end = ends[nearest].round().astype(int), points[nearest].round().astype(int)
+        thin = max(1, line_width(hand_size(points)) // 3)
+        cv2.line(canvas, start.tolist(), end.tolist(), (40, 40, 40), thin, cv2.LINE_AA)
 
 
 def _with_panels(
