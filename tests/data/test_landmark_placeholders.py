@@ -74,6 +74,19 @@ def test_a_score_says_if_the_landmark_was_found(
     assert (~labelled).nonzero().tolist() == expected
 
 
+@pytest.mark.parametrize("pair", PAIRS)
+def test_placeholders_among_shares_of_the_image_are_missing_too(
+    tmp_path: Path, pair: tuple[float, float]
+) -> None:
+    hands: list[Any] = np.concatenate([POINTS / 2000, SCORES[..., None]], axis=-1).tolist()
+    hands[1][4] = [*pair, pair[0]]
+    landmarks = read_landmarks(written(tmp_path, hands), image_size=(2000, 2000))
+    assert (~landmarks.labelled).nonzero().tolist() == [[1, 4]]
+    np.testing.assert_allclose(landmarks.landmarks_2d[0].numpy(), POINTS[0])
+    assert landmarks.confidence is not None
+    assert landmarks.confidence[0].tolist() == SCORES[0].tolist()
+
+
 def test_a_sigma_at_the_corner_is_no_score(tmp_path: Path) -> None:
     hands = np.concatenate([with_pair((0, 0), (1, 4)), 3 + SCORES[..., None]], axis=-1).tolist()
     landmarks = read_landmarks(written(tmp_path, hands))

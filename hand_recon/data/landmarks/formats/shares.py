@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from hand_recon.data.landmarks.image_paths import located_images
 from hand_recon.data.landmarks.image_sizes import sizes_of_images
 from hand_recon.data.landmarks.parsed import ParsedHands
+from hand_recon.data.landmarks.placeholders import at_placeholders
 from hand_recon.data.landmarks.refusal import refuse
 
 LARGEST: Final = 2.0
@@ -50,14 +51,16 @@ def shares_to_pixels(
             "and `height`, or `image` for an image beside it, into the file, or multiply u by the image's "
             "width and v by its height.",
         )  # fmt: skip
+    # (0, 0) and (−1, −1) keep their values, by which they are found to be missing.
+    nowhere = at_placeholders(parsed.points)
     third = parsed.third_value
-    if third is not None and (third < 0).any():
+    if third is not None and (third[~nowhere] < 0).any():
         third = None
     of_size = {f"{width:g} × {height:g}" for width, height in sizes.tolist()}
     spoken = of_size.pop() if len(of_size) == 1 else f"{len(of_size)} sizes"
     return dataclasses.replace(
         parsed,
-        points=parsed.points * sizes[:, None],
+        points=np.where(nowhere[..., None], parsed.points, parsed.points * sizes[:, None]),
         third_value=third,
         image_sizes=sizes,
         title=f"{parsed.title or 'hands'} in shares of images of {spoken}",
