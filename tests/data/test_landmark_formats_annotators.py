@@ -299,3 +299,26 @@ def test_landmarks_of_a_table_may_have_the_names_of_any_tool(tmp_path: Path) -> 
     expected = POINTS[:1].copy()
     expected[:, 6:] = np.nan
     assert_same_hands(landmarks, expected)
+
+
+def test_sides_in_the_names_of_a_table_are_different_hands(tmp_path: Path) -> None:
+    rows: list[list[Any]] = [["frame", "hand", "landmark", "x", "y"]]
+    rows += [
+        [0, 0, f"{side}_{name}", *POINTS[hand, landmark]]
+        for hand, side in enumerate(("left", "right"))
+        for landmark, name in enumerate(LANDMARKS)
+    ]
+    landmarks = read_landmarks(table(tmp_path, rows))
+    assert_same_hands(landmarks, POINTS[:2])
+    assert landmarks.left.tolist() == [True, False]
+    assert landmarks.names == ("0 left", "0 right")
+
+
+def test_hands_of_a_table_that_are_called_by_their_side_have_it(tmp_path: Path) -> None:
+    rows: list[list[Any]] = [["hand", "landmark", "x", "y"]]
+    rows += [
+        [hand, landmark, *POINTS[number, landmark]]
+        for number, hand in enumerate(("Left", "right hand", "3"))
+        for landmark in range(21)
+    ]
+    assert read_landmarks(table(tmp_path, rows)).left.tolist() == [True, False, False]

@@ -164,9 +164,10 @@ def test_named_points_of_two_sides_are_two_hands(tmp_path: Path) -> None:
         for side, hand in (("left", POINTS[0]), ("right", POINTS[1]))
         for landmark, name in enumerate(LANDMARKS)
     }
-    landmarks = read_landmarks(written(tmp_path, both))
-    assert_same_hands(landmarks, POINTS[:2])
-    assert landmarks.left.tolist() == [True, False]
+    for content in (both, [both], {"landmarks": both}, [[{"landmarks_2d": both}]]):
+        landmarks = read_landmarks(written(tmp_path, content))
+        assert_same_hands(landmarks, POINTS[:2])
+        assert landmarks.left.tolist() == [True, False]
 
 
 def test_hands_may_be_listed_by_image_or_by_side(tmp_path: Path) -> None:

@@ -15,17 +15,18 @@ import csv
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.data.landmarks.formats.named_columns import hands_of_named_columns
-from hand_recon.data.landmarks.formats.names import landmarks_of_names
+from hand_recon.data.landmarks.formats.names import NamedLandmark, landmarks_of_names, side_in
 from hand_recon.data.landmarks.parsed import ParsedHands, read_side
 from hand_recon.hand.skeleton import LANDMARKS
 
 Rows = list[list[str]]
+Value = TypeVar("Value")
 
 _EXPECTED: Final = (
     "expected one row per hand with columns u0, v0, …, u20, v20 (and c0 …, confidence0 … or sigma0 …), or "
@@ -120,9 +121,10 @@ def _from_hand_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHan
 
 
 def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> ParsedHands:
-    called = _hands_called(header, rows)
+    keys = [row[header["landmark"]].strip() for row in rows]
+    landmarks, named_sides = _landmarks(path, keys)
+    called = _hands_called(header, rows, named_sides)
     hands = {name: number for number, name in enumerate(dict.fromkeys(called))}
-    landmarks = _landmarks(path, [row[header["landmark"]] for row in rows])
     position = np.array([hands[name] for name in called], dtype=np.int64) * 21 + landmarks
     taken, counts = np.unique(position, return_counts=True)
     if (counts > 1).any():
@@ -138,13 +140,16 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
         values[position] = _numbers(path, [[row[header[title]]] for row in rows])[:, 0]
         return values.reshape(-1, 21)
 
-    first = dict(zip(reversed(called), reversed(rows), strict=True))
-    one_each = [first[name] for name in hands]
+    one_each = _each(called, rows)
     return ParsedHands(
         points=np.stack([spread("u"), spread("v")], axis=-1),
         confidence=spread("confidence") if "confidence" in header else None,
         sigma=spread("sigma") if "sigma" in header else None,
-        sides=_sides(path, _cells(header, one_each, "side")),
+        sides=_sides(path, _cells(header, one_each, "side"))
+        or [
+            side or side_in(name)
+            for name, side in zip(hands, _each(called, named_sides), strict=True)
+        ],
         names=_cells(header, one_each, "name") or list(hands),
         images=_cells(header, one_each, "image"),
         image_sizes=_sizes(path, header, one_each),
@@ -154,9 +159,21 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
     )
 
 
-def _hands_called(header: dict[str, int], rows: Rows) -> list[str]:
-    """Name of the hand of each row; with its image or frame where one number occurs in several."""
-    hands = [row[header["hand"]].strip() for row in rows]
+def _each(called: Sequence[str], values: Sequence[Value]) -> list[Value]:
+    """The first value of each hand, in the order in which the hands occur."""
+    first = dict(zip(reversed(called), reversed(values), strict=True))
+    return [first[name] for name in dict.fromkeys(called)]
+
+
+def _hands_called(header: dict[str, int], rows: Rows, sides: Sequence[str | None]) -> list[str]:
+    """Name of the hand of each row; with its image or frame where one number occurs in several.
+
+    The sides that names of landmarks tell, as in `left_thumb1`, are different hands, too.
+    """
+    hands = [
+        " ".join(word for word in (row[header["hand"]].strip(), side) if word)
+        for row, side in zip(rows, sides, strict=True)
+    ]
     column = next((header[title] for title in _IMAGE_COLUMNS if title in header), None)
     if column is None:
         return hands
@@ -177,18 +194,17 @@ def _numbers(path: Path, cells: Rows) -> Float[np.ndarray, "row column"]:
     return np.array(values, dtype=np.float64).reshape(len(cells), -1)
 
 
-def _landmarks(path: Path, cells: Sequence[str]) -> Int[np.ndarray, " row"]:
-    """Numbers of landmarks given by number or by name."""
-    keys = [cell.strip() for cell in cells]
-    known = {str(number): number for number in range(21)}
-    named = landmarks_of_names(key for key in dict.fromkeys(keys) if not key.isdigit())
-    known |= {key: found.landmark for key, found in named.items()}
+def _landmarks(path: Path, keys: Sequence[str]) -> tuple[Int[np.ndarray, " row"], list[str | None]]:
+    """Numbers of landmarks given by number or by name, and the sides that the names tell."""
+    known = {str(number): NamedLandmark(number) for number in range(21)}
+    known |= landmarks_of_names(key for key in dict.fromkeys(keys) if not key.isdigit())
     for key in keys:
         if key not in known:
             raise ValueError(
                 f"{path}: unknown landmark {key!r}; expected 0 to 20 or one of {list(LANDMARKS)}."
             )
-    return np.array([known[key] for key in keys], dtype=np.int64)
+    found = [known[key] for key in keys]
+    return np.array([one.landmark for one in found], dtype=np.int64), [one.side for one in found]
 
 
 def _sizes(path: Path, header: dict[str, int], rows: Rows) -> Float[np.ndarray, "hand 2"] | None:

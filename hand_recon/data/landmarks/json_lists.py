@@ -173,18 +173,22 @@ def _parse(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
 
 
 def _with_landmarks(entry: object) -> list[Any]:
-    """An object whose keys name landmarks, as one object with `landmarks` for each side among the names."""
-    if not isinstance(entry, dict) or any(key in entry for key in LANDMARK_KEYS):
+    """An object with named points, as one object with `landmarks` for each side among the names."""
+    if not isinstance(entry, dict):
         return [entry]
-    known = landmarks_of_names(entry)
-    if len(known) < 10:
+    inside = _first(entry, LANDMARK_KEYS)
+    if inside is not None and not isinstance(inside, dict):
         return [entry]
-    others = {key: value for key, value in entry.items() if key not in known}
+    named = entry if inside is None else inside
+    known = landmarks_of_names(named)
+    if not known or (inside is None and len(known) < 10):
+        return [entry]
+    others = {key: value for key, value in entry.items() if key not in (*known, *LANDMARK_KEYS)}
     return [
         {
             **others,
             **({"side": side} if side else {}),
-            "landmarks": {name: entry[name] for name in known if known[name].side == side},
+            "landmarks": {name: named[name] for name in known if known[name].side == side},
         }
         for side in sorted({found.side for found in known.values()}, key=str)
     ]
