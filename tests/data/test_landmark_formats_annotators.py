@@ -322,3 +322,8 @@ def test_hands_of_a_table_that_are_called_by_their_side_have_it(tmp_path: Path) 
         for landmark in range(21)
     ]
     assert read_landmarks(table(tmp_path, rows)).left.tolist() == [True, False, False]
+    # The name of an image tells no side.
+    of_image = [["image", *rows[0]], *(["left_camera.png", *row] for row in rows[1:])]
+    assert read_landmarks(table(tmp_path, of_image)).left.tolist() == [True, False, False]
+    anew = [*of_image, *(["left_other.png", *row] for row in rows[43:])]
+    assert read_landmarks(table(tmp_path, anew)).left.tolist() == [True, False, False, False]

@@ -147,8 +147,8 @@ def _from_landmark_rows(path: Path, header: dict[str, int], rows: Rows) -> Parse
         sigma=spread("sigma") if "sigma" in header else None,
         sides=_sides(path, _cells(header, one_each, "side"))
         or [
-            side or side_in(name)
-            for name, side in zip(hands, _each(called, named_sides), strict=True)
+            side or side_in(row[header["hand"]])
+            for row, side in zip(one_each, _each(called, named_sides), strict=True)
         ],
         names=_cells(header, one_each, "name") or list(hands),
         images=_cells(header, one_each, "image"),
