@@ -194,6 +194,14 @@ def test_frames_of_a_cvat_track_are_hands_of_their_own(tmp_path: Path) -> None:
     assert_same_hands(landmarks, POINTS[[0, 0]])
 
 
+def test_an_attribute_of_cvat_tells_the_side_if_it_is_called_so(tmp_path: Path) -> None:
+    xml = cvat_images().replace("left hand", "hand").replace("right hand", "hand")
+    for name, expected in (("side", True), ("Handedness", True), ("camera", False)):
+        attribute = f'<attribute name="{name}">Left</attribute></skeleton>'
+        path = written(tmp_path, xml.replace("</skeleton>", attribute), "a.xml")
+        assert read_landmarks(path).left.tolist() == [expected] * 3
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

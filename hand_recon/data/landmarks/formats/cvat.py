@@ -125,7 +125,13 @@ def _of_shape(reading: Reading, shape: Element, about: LabelledImage) -> list[La
 
 
 def _side_of_attributes(shape: Element) -> str | None:
-    return side_in(" ".join(entry.text or "" for entry in shape.findall("attribute")))
+    """Side by an attribute that is called so; others, such as a camera's, may have the words, too."""
+    told = [
+        entry.text or ""
+        for entry in shape.findall("attribute")
+        if (entry.get("name") or "").lower() in {"side", "hand", "handedness"}
+    ]
+    return side_in(" ".join(told))
 
 
 def _pair(reading: Reading, text: str, where: str) -> tuple[float, float]:
