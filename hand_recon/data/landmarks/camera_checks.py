@@ -111,8 +111,8 @@ def warn_of_cameras(
 
 def _some(points: Float[np.ndarray, "hand landmark=21 2"]) -> Bool[np.ndarray, "hand 1 1"]:
     """Mask of the hands with a landmark."""
-    return np.isfinite(points).any(axis=(1, 2), keepdims=True)
+    return np.asarray(np.isfinite(points).any(axis=(1, 2), keepdims=True))
 
 
 def _focal(matrices: Matrices) -> Float[np.ndarray, "hand 2"]:
-    return matrices[:, [0, 1], [0, 1]]
+    return np.asarray(matrices[:, [0, 1], [0, 1]])

@@ -59,7 +59,8 @@ def undistorted(
             f"{len(points)} landmarks, which lie where the model has no inverse. Is it of another camera or "
             "image size? Undistort the landmarks yourself and leave the coefficients out, or correct them."
         )
-    return np.concatenate([straight, np.ones((len(points), 1))], axis=1) @ matrix[:2].T
+    homogeneous = np.concatenate([straight, np.ones((len(points), 1))], axis=1)
+    return np.asarray(homogeneous @ matrix[:2].T)
 
 
 def _filled(
