@@ -29,6 +29,15 @@ SAME_LANDMARKS: Final = 10
 SAME_OVERLAP: Final = 0.2
 """Intersection over union of boxes, above which two hands can be one."""
 
+TWIN_DISTANCE: Final = 0.35
+"""Mean distance of two hands' landmarks, in extents of the larger, below which one can be a false twin."""
+
+TWIN_OVERLAP: Final = 0.1
+"""Intersection over union of boxes, above which one can be a false twin."""
+
+TWIN_PRESENCE: Final = 0.95
+"""Presence from which on a hand is no false twin: two hands may lie over each other (decision 55)."""
+
 CERTAIN: Final = 0.99
 """Presence from which on no other rotation of a box is tried (decision 54)."""
 
@@ -130,6 +139,20 @@ def is_same_hand(one: HandReading, other: HandReading) -> bool:
     distances = np.linalg.norm(one.landmarks_2d - other.landmarks_2d, axis=1)
     enough = int((distances < near).sum()) >= SAME_LANDMARKS
     return enough and float(overlaps(one.box, other.box[None])[0]) > SAME_OVERLAP
+
+
+def is_false_twin(one: HandReading, other: HandReading) -> bool:
+    """True if a reading is a second, worse one of the hand of another reading.
+
+    MediaPipe's rule leaves readings of one hand in which fingers are exchanged or the side is another. Such a
+    reading lies over the better one and has a lower presence.
+    """
+    if one.presence >= min(TWIN_PRESENCE, other.presence):
+        return False
+    extent = max(one.extent, other.extent)
+    distances = np.linalg.norm(one.landmarks_2d - other.landmarks_2d, axis=1)
+    near = float(distances.mean()) < TWIN_DISTANCE * extent
+    return near and float(overlaps(one.box, other.box[None])[0]) > TWIN_OVERLAP
 
 
 def is_repeated(reading: HandReading, earlier: Sequence[HandReading]) -> bool:

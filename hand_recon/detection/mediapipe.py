@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hand_recon.detection.detector import Detections
-from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_repeated
+from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_false_twin, is_repeated
 from hand_recon.detection.model_download import model_loader
 from hand_recon.detection.models import LANDMARKS, PALMS
 from hand_recon.detection.palms import Palm, PalmNetwork, best_of_overlapping
@@ -40,11 +40,18 @@ class _Look:
             self.dropped.append(objection)
 
     def detections(self) -> Detections:
-        hands = tuple(
-            to_hand(reading, palm.score)
-            for reading, palm in zip(self.readings, self.palms, strict=True)
-        )
-        return Detections(hands, tuple(self.dropped))
+        """The hands, without second readings of the same hand."""
+        hands = []
+        for reading, palm in zip(self.readings, self.palms, strict=True):
+            if any(is_false_twin(reading, other) for other in self.readings):
+                x, y = reading.landmarks_2d.mean(axis=0)
+                self.dropped.append(
+                    f"a hand of presence {reading.presence:.2f} at ({x:.0f}, {y:.0f}) lies over one of "
+                    "higher presence and is taken for the same"
+                )
+            else:
+                hands.append(to_hand(reading, palm.score))
+        return Detections(tuple(hands), tuple(self.dropped))
 
 
 class MediaPipeDetector:

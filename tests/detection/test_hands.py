@@ -1,5 +1,6 @@
 """Landmarks of one hand: from the crop to the image, directions that are tried, hands found twice."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from hand_recon.detection.hands import (
     HandReading,
     LandmarkNetwork,
+    is_false_twin,
     is_repeated,
     is_same_hand,
 )
@@ -141,6 +143,32 @@ def test_a_hand_is_repeated_if_any_earlier_one_is_the_same() -> None:
     assert not is_repeated(reading(spread_hand()), [])
     assert not is_repeated(reading(spread_hand()), [far])
     assert is_repeated(reading(spread_hand()), [far, reading(spread_hand() + 1)])
+
+
+@pytest.mark.parametrize(
+    ("presence", "away", "twin"),
+    [
+        (0.80, 55.9, True),  # Below 0.35 of the extent, 160.
+        (0.80, 56.1, False),
+        (0.949, 40.0, True),
+        (0.951, 40.0, False),  # As sure as a hand that is there.
+    ],
+)
+def test_a_worse_reading_over_a_hand_is_its_false_twin(
+    presence: float, away: float, twin: bool
+) -> None:
+    good = dataclasses.replace(reading(spread_hand()), presence=0.99)
+    shifted = spread_hand() + np.array([away, 0])
+    other = dataclasses.replace(reading(shifted), presence=presence, right=0.1)
+    assert is_false_twin(other, good) is twin
+    assert not is_false_twin(good, other)
+
+
+def test_readings_beside_each_other_are_no_twins() -> None:
+    # Boxes of 95 × 160 that share 5 columns: 800 / 29,600 is below a tenth.
+    good = dataclasses.replace(reading(spread_hand()), presence=0.99)
+    flat = reading(spread_hand() * [0.1, 1] + [80, 0])
+    assert not is_false_twin(dataclasses.replace(flat, presence=0.5), good)
 
 
 def test_extent_is_the_longer_side_of_the_landmarks_box() -> None:
