@@ -56,6 +56,8 @@ class Photo:
     shape, or because EXIF contradicts itself; a crop of a camera's shape by a program that rewrites EXIF does
     not show.
     """
+    focal_note: str | None = None
+    """Reason why EXIF's focal length is not used; None if it is, or if there is none."""
     notes: tuple[str, ...] = ()
     """Sentences on what was left out or converted."""
 
@@ -190,7 +192,8 @@ def _decoded(image: Image.Image, path: Path, kind: Kind) -> Photo:
         orientation=rotation,
         focal_35mm=facts.film,
         focal_px=facts.pixels,
-        notes=(*notes, *colour_notes, *([facts.note] if facts.note else [])),
+        focal_note=facts.note or None,
+        notes=(*notes, *colour_notes),
     )
 
 

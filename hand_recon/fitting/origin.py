@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Origin:
-    """What a file of hands says about a hand besides the result of the fit."""
+    """Entries of a hand in a file of hands besides the result of the fit."""
 
     image: str | None = None
     """File name of the image; None without one."""

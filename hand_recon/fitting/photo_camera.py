@@ -34,7 +34,7 @@ class PhotoCamera:
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """How the camera of each photograph of a command is determined."""
+    """Rule by which the camera of each photograph of a command is determined."""
 
     name: str = "auto"
     """`auto` (EXIF if it has a focal length, else assumed), `exif`, `assumed`, `fov` or `file`."""

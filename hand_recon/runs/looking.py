@@ -90,8 +90,9 @@ def look_at(
     try:
         chosen = camera.of_photo(number, photo.size, photo.focal_px, sides)
     except ValueError as error:
-        logger.error("%s: %s", name, error)
-        return LookedAt(number, name, photo.path, photo.size, error=str(error), seconds=seconds)
+        reason = f"{error} {photo.focal_note or ''}".strip()
+        logger.error("%s: %s", name, reason)
+        return LookedAt(number, name, photo.path, photo.size, error=reason, seconds=seconds)
     return LookedAt(
         number, name, photo.path, photo.size, found.hands, chosen.matrix, chosen.source, seconds=seconds
     )  # fmt: skip

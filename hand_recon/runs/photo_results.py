@@ -44,7 +44,7 @@ COLUMNS: Final = (
 
 
 STYLE: Final = OverlayStyle(smallest=480)
-"""Drawings have the resolution of their photographs; smaller ones are enlarged to this for lines and letters."""
+"""Drawings have the resolution of their photographs; smaller ones are enlarged to this many pixels."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,10 @@ class PhotoResults:
         table.add_column("what")
         table.add_column("value", justify="right")
         empty = sum(not row["error"] and int(row["hands"]) == 0 for row in self.rows)
-        for what, count in (*self.summary().items(), ("images without hands", empty)):
+        cameras = Counter(read_hands(self.folder / "hands.json").cameras)
+        further = [("images without hands", empty)]
+        further += [(f"hands with the camera: {name}", count) for name, count in cameras.items()]
+        for what, count in (*self.summary().items(), *further):
             table.add_row(_MEANINGS.get(what, what), str(count))
         console = Console(stderr=True)
         console.print(table)

@@ -104,7 +104,7 @@ def test_an_image_of_a_shape_that_no_camera_has_was_cropped(
     Image.new("RGB", size).save(file, exif=exif.tobytes())
     photo = read_photo(file)
     assert (photo.focal_35mm, photo.focal_px) == (28, None)
-    assert "unlike a camera's images: it was cropped" in photo.notes[0]
+    assert "unlike a camera's images: it was cropped" in str(photo.focal_note)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_the_shapes_of_cameras_are_not_taken_for_crops(
     Image.new("RGB", size).save(file, exif=exif_of(FocalLengthIn35mmFilm=28).tobytes())
     photo = read_photo(file)
     assert photo.focal_px == pytest.approx(28 * math.hypot(*size) / math.hypot(36, 24))
-    assert photo.notes == ()
+    assert photo.focal_note is None
 
 
 @pytest.mark.parametrize(("film", "known"), [(43, True), (50, True), (28, False), (90, False)])
@@ -128,7 +128,7 @@ def test_lens_and_sensor_have_to_agree(tmp_path: Path, film: int, known: bool) -
     Image.new("RGB", (360, 240)).save(file, exif=exif_of(**tags).tobytes())
     photo = read_photo(file)
     assert (photo.focal_px is not None) == known
-    assert ("disagree" in "".join(photo.notes)) == (not known)
+    assert ("disagree" in str(photo.focal_note)) == (not known)
 
 
 def test_an_image_of_another_shape_than_recorded_was_cropped(tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_an_image_of_another_shape_than_recorded_was_cropped(tmp_path: Path) -> 
     Image.new("RGB", (300, 300)).save(file, exif=exif.tobytes())
     photo = read_photo(file)
     assert (photo.focal_35mm, photo.focal_px) == (28, None)
-    assert "cropped" in photo.notes[0]
+    assert "cropped" in str(photo.focal_note)
 
 
 @pytest.mark.parametrize(
