@@ -160,6 +160,20 @@ def test_frames_after_a_lost_one_are_displaced_by_one(hand: HandModel) -> None:
     found = lint(ground_truth, noisy(ground_truth[order], 0.005), FREIHAND)[0]
     assert found.kind == "frame_order"
     assert "your frames 70 to 158 fit the ground truth of 71 to 159" in found.message
+    assert "as after frames that are missing or doubled" in found.message
+
+
+@pytest.mark.parametrize("shift", [-7, 5])
+def test_frames_that_are_all_displaced_alike_are_said_to_be(hand: HandModel, shift: int) -> None:
+    ground_truth = landmarks_of(hand)
+    order = (torch.arange(COUNT) + shift).clamp(0, COUNT - 1)
+    found = lint(ground_truth, noisy(ground_truth[order], 0.005), FREIHAND)[0]
+    assert found.kind == "frame_order"
+    first, last = max(0, -shift), COUNT - 1 - max(0, shift)
+    assert (
+        "as after frames that are missing or doubled: your frames "
+        f"{first} to {last} fit the ground truth of {first + shift} to {last + shift}"
+    ) in found.message
 
 
 def test_displacements_are_those_of_the_blocks() -> None:

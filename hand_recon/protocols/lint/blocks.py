@@ -81,4 +81,7 @@ def _assigned(
     for step in reversed(before):
         place = int(step[place])
         places.append(place)
-    return candidates[torch.tensor(places[::-1])]
+    chosen = candidates[torch.tensor(places[::-1])]
+    # Frames at an end, whose ground truth is not in the file.
+    there = (frames + chosen >= 0) & (frames + chosen < distance.shape[1])
+    return torch.where(there, chosen, 0)

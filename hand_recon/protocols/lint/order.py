@@ -173,10 +173,18 @@ def _moved_blocks(
         return None
     return Hands(fitting, hands.prediction), Suspicion(
         "frame_order",
-        "Your frames look to be in blocks in another order, as of sequences in the order of a folder and not "
-        f"of the benchmark's list (HO3D's evaluation.txt): {_described(frames, shifts)}",
+        f"{_kind_of_displacement(shifts)}: {_described(frames, shifts)}",
         "write them in the order of the ground truth",
         confidence=certainty(now, error),
+    )
+
+
+def _kind_of_displacement(shifts: Tensor) -> str:
+    if len(shifts[shifts != 0].unique()) == 1:
+        return "Your frames look to be displaced, as after frames that are missing or doubled"
+    return (
+        "Your frames look to be in blocks in another order, as of sequences in the order of a folder and not "
+        "of the benchmark's list (HO3D's evaluation.txt)"
     )
 
 
