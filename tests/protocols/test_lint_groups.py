@@ -14,7 +14,7 @@ from hand_recon.protocols.benchmarks import PROTOCOLS
 from hand_recon.protocols.lint.blocks import block_displacements
 from hand_recon.protocols.lint.frames import frame_ranges, read_frame_names, sequences_of
 from hand_recon.protocols.lint.lint import Finding, closing_line, lint
-from tests.protocols.test_lint_alarms import BAD_BUT_RIGHT
+from tests.support.bad_predictions import BAD_BUT_RIGHT
 from tests.support.predicted_hands import changed, mistakes, noisy, true_hands
 
 FREIHAND, HO3D, DEXYCB = (PROTOCOLS[name] for name in ("freihand", "ho3d_v2", "dexycb"))
