@@ -67,6 +67,33 @@ def test_numbers_beyond_scores_are_sigmas_still(tmp_path: Path, low: float) -> N
     assert landmarks.sigma is not None
 
 
+@pytest.mark.parametrize("negative", [-1.0, -0.01])
+def test_a_negative_score_is_a_missing_landmark_and_no_sigma(
+    tmp_path: Path, negative: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    scores = spread(0.1, 1)
+    with caplog.at_level(logging.INFO):
+        landmarks = read(tmp_path, with_one(scores, negative))
+    assert "1 of 63 confidences are negative and are read as 0" in caplog.text
+    assert landmarks.sigma is None
+    assert (~landmarks.labelled).nonzero().tolist() == [[1, 5]]
+
+
+@pytest.mark.parametrize("third", [spread(-3, 5), spread(-0.1, 0.1), with_one(spread(2, 9), 0.0)])
+def test_numbers_that_are_neither_score_nor_sigma_are_refused(
+    tmp_path: Path, third: np.ndarray, caplog: pytest.LogCaptureFixture
+) -> None:
+    with (
+        caplog.at_level(logging.INFO),
+        pytest.raises(
+            ValueError,
+            match=r"no confidences from 0 to 1, and a σ that is not positive.*third_value=ignore",
+        ),
+    ):
+        read(tmp_path, third)
+    assert "are read as" not in caplog.text
+
+
 def test_named_confidences_are_clipped_likewise_or_refused(tmp_path: Path) -> None:
     hand = {"landmarks": HANDS[0].tolist(), "confidence": [0.9] * 20 + [1.2]}
     confidence = read_landmarks(written(tmp_path, [hand])).confidence
@@ -85,7 +112,8 @@ def test_scaling_scores_by_less_than_a_half_leaves_them_scores(
     assert are_scores(scores)
     scaled = scores * factor
     assert are_scores(scaled) == (bool((scaled <= 1).mean() >= 0.25))
-    assert not are_scores(np.append(scores, -0.001))
+    assert not are_scores(np.append(scores, -1.001))
+    assert not are_scores(np.append(scores, [-0.5] * (1 + len(scores) // 19)))
 
 
 def test_coco_visibilities_are_no_sigmas(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -205,13 +205,13 @@ def _labels(
     if confidence is not None:
         # A score above 0 at these coordinates says that the landmark was found there.
         nowhere &= ~(confidence > 0)
+        confidence = clipped_scores(path, np.where(nowhere, np.nan, confidence))
         # Detectors write (0, 0) with confidence 0 for what they did not find.
         labelled &= ~(confidence == 0)
     nowhere &= labelled
     say_placeholders(path, parsed.points, nowhere)
     labelled &= ~nowhere
-    confidence, sigma = _where(labelled, confidence), _where(labelled, sigma)
-    return labelled, None if confidence is None else clipped_scores(path, confidence), sigma
+    return labelled, _where(labelled, confidence), _where(labelled, sigma)
 
 
 def _warn_of_another_order(

@@ -97,26 +97,34 @@ def _say_confidences(path: Path, seen: Values, numbers: Float[np.ndarray, " numb
 
 def are_scores(numbers: Float[np.ndarray, " number"]) -> bool:
     """True for numbers from 0 to 1, but for a few outliers, and for scores that exceed 1 a little."""
-    if not len(numbers) or numbers.min() < 0:
+    if not len(numbers) or numbers.min() < -1:
         return False
-    within = float((numbers <= 1).mean())
+    within = float(((numbers >= 0) & (numbers <= 1)).mean())
+    if float((numbers < 0).mean()) > 1 - WITHIN:
+        return False
     return within >= WITHIN or (within >= 0.25 and float(numbers.max()) < SCORE_LIMIT)
 
 
 def clipped_scores(path: Path, confidence: Values) -> Values:
-    """Confidences with those above 1 set to 1, and a note of their number.
+    """Confidences with those above 1 set to 1 and those below 0 set to 0, and a note of their number.
 
     Numbers that are no scores (`are_scores`) are returned as they are.
     """
     numbers = confidence[~np.isnan(confidence)]
-    above = numbers > 1
-    if not above.any() or not are_scores(numbers):
+    if not are_scores(numbers):
         return confidence
-    logger.info(
-        "%s: %d of %d confidences are above 1 (the largest is %.4g) and are read as 1.",
-        path, int(above.sum()), len(numbers), float(numbers.max()),
-    )  # fmt: skip
-    return np.where(confidence > 1, 1.0, confidence)
+    above, below = int((numbers > 1).sum()), int((numbers < 0).sum())
+    if above:
+        logger.info(
+            "%s: %d of %d confidences are above 1 (the largest is %.4g) and are read as 1.",
+            path, above, len(numbers), float(numbers.max()),
+        )  # fmt: skip
+    if below:
+        logger.info(
+            "%s: %d of %d confidences are negative and are read as 0, a missing landmark.",
+            path, below, len(numbers),
+        )  # fmt: skip
+    return confidence.clip(0.0, 1.0)
 
 
 def check_sigma_size(
@@ -187,6 +195,11 @@ def _refuse_what_is_no_sigma(
         "deviations in pixels."
     )
     span = f"{path}: the third values go from {numbers.min():.4g} to {numbers.max():.4g}"
+    if numbers.min() <= 0 or np.isinf(numbers).any():
+        raise ValueError(
+            f"{span}: they are no confidences from 0 to 1, and a σ that is not positive and finite is none. "
+            "A depth, such as MediaPipe's z, is neither: leave the third number out or set third_value=ignore."
+        )
     median = float(np.median(numbers))
     relative = _relative_to_hand(points, values)
     if relative is not None and relative > DOUBTFUL_SIGMA:
