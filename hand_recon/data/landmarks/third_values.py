@@ -198,7 +198,8 @@ def _refuse_what_is_no_sigma(
     if numbers.min() <= 0 or np.isinf(numbers).any():
         raise ValueError(
             f"{span}: they are no confidences from 0 to 1, and a σ that is not positive and finite is none. "
-            "A depth, such as MediaPipe's z, is neither: leave the third number out or set third_value=ignore."
+            "A depth, such as MediaPipe's z, is neither: leave the third number out, or set "
+            "third_value=ignore."
         )
     median = float(np.median(numbers))
     relative = _relative_to_hand(points, values)
