@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.camera import REFERENCE_FOCAL, REFERENCE_SIZE
-from hand_recon.data.landmarks.camera_files import read_camera_file
+from hand_recon.data.landmarks.camera_files import CameraFile, read_camera_file
+from hand_recon.data.landmarks.cameras import with_camera_of
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 
 CHOICES: Final = ("auto", "exif", "assumed")
 """Choices of a camera besides `fov=<degrees>` and a file of camera matrices."""
@@ -40,20 +42,20 @@ class CameraChoice:
     """`auto` (EXIF if it has a focal length, else assumed), `exif`, `assumed`, `fov` or `file`."""
     degrees: float = math.nan
     """Field of view of the longer side, degrees, for `fov`."""
-    matrices: Float[np.ndarray, "photo 3 3"] | None = None
-    """Camera matrix of each photograph, for `file`."""
+    path: Path | None = None
+    """The file of cameras, for `file`; None for matrices that were given as arrays."""
+    cameras: CameraFile | None = None
+    """Camera of all photographs or of each, for `file`."""
 
     def of_photo(
         self,
-        number: int,
         size: tuple[int, int],
         focal_px: float | None,
         hand_sides: Float[np.ndarray, " hand"],
     ) -> PhotoCamera:
-        """Camera of one photograph.
+        """Camera of one photograph without a file of cameras.
 
         Args:
-            number: Index of the photograph among all of the command.
             size: Width and height, pixels.
             focal_px: Focal length by EXIF, pixels; None without one.
             hand_sides: Longer side of each hand's box, pixels.
@@ -61,8 +63,6 @@ class CameraChoice:
         Raises:
             ValueError: EXIF is asked for and has no focal length.
         """
-        if self.name == "file" and self.matrices is not None:
-            return PhotoCamera(self.matrices[number], "given")
         if self.name == "fov":
             focal = max(size) / 2 / math.tan(math.radians(self.degrees) / 2)
             return PhotoCamera(centred_camera(focal, size), "field of view")
@@ -125,9 +125,7 @@ def parse_camera(text: str, photos: int) -> CameraChoice:
             f"camera={text} is neither auto, exif, assumed, fov=<degrees> nor a file; expected one of them, "
             "for example camera=fov=60 or camera=K.json."
         )
-    return CameraChoice(
-        "file", matrices=_per_photo(read_camera_file(path, photos).matrices, photos)
-    )
+    return CameraChoice("file", path=path, cameras=read_camera_file(path, photos))
 
 
 def _degrees(text: str) -> float:
@@ -143,7 +141,33 @@ def _degrees(text: str) -> float:
     return degrees
 
 
-def _per_photo(
-    matrices: Float[np.ndarray, "camera 3 3"], photos: int
-) -> Float[np.ndarray, "photo 3 3"]:
-    return np.broadcast_to(matrices, (photos, 3, 3)).copy()
+def given_cameras(matrices: Float[np.ndarray, "camera 3 3"]) -> CameraChoice:
+    """Cameras that are given as arrays, pixels of the photographs: one for all, or one for each.
+
+    Args:
+        matrices: The camera matrices.
+    """
+    count = len(matrices)
+    unknown = np.full((count, 2), np.nan)
+    cameras = CameraFile(matrices, ((),) * count, (False,) * count, unknown)
+    return CameraChoice("file", cameras=cameras)
+
+
+def with_given_camera(
+    landmarks: ImageLandmarks, choice: CameraChoice, number: int
+) -> ImageLandmarks:
+    """Landmarks of one photograph with its camera of a file: in its pixels, without lens distortion.
+
+    Args:
+        landmarks: The photograph's hands.
+        choice: A choice with cameras.
+        number: Index of the photograph among all.
+
+    Raises:
+        ValueError: The choice has no cameras, or the camera does not belong to this photograph.
+    """
+    if choice.cameras is None:
+        raise ValueError(f"Found no file of cameras in camera={choice.name}; expected one.")
+    count = len(choice.cameras.matrices)
+    which = np.full(len(landmarks), number if count > 1 else 0)
+    return with_camera_of(landmarks, choice.path or Path("camera"), choice.cameras, which)

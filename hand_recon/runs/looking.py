@@ -16,7 +16,7 @@ from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.photos import Photo, PhotoError, read_photo
 from hand_recon.detection.detector import DetectedHand, Detector
 from hand_recon.fitting.origin import Origin
-from hand_recon.fitting.photo_camera import CameraChoice
+from hand_recon.fitting.photo_camera import CameraChoice, with_given_camera
 from hand_recon.runs.configuration import instantiate
 from hand_recon.runs.landmark_lookup import FileLandmarks
 
@@ -86,16 +86,36 @@ def look_at(
     seconds = {"detect": time.perf_counter() - start}
     for sentence in found.dropped:
         logger.log(logging.INFO if found.hands else logging.WARNING, "%s: %s", name, sentence)
-    sides = np.array([np.ptp(hand.landmarks_2d, axis=0).max() for hand in found.hands], dtype=float)
+    seen = LookedAt(number, name, photo.path, photo.size, found.hands, seconds=seconds)
     try:
-        chosen = camera.of_photo(number, photo.size, photo.focal_px, sides)
+        return _with_camera(seen, photo, camera)
     except ValueError as error:
         reason = f"{error} {photo.focal_note or ''}".strip()
         logger.error("%s: %s", name, reason)
-        return LookedAt(number, name, photo.path, photo.size, error=reason, seconds=seconds)
-    return LookedAt(
-        number, name, photo.path, photo.size, found.hands, chosen.matrix, chosen.source, seconds=seconds
-    )  # fmt: skip
+        return replace(seen, hands=(), error=reason)
+
+
+def _with_camera(seen: LookedAt, photo: Photo, camera: CameraChoice) -> LookedAt:
+    """Give a photograph its camera; a camera file's lens distortion is removed from the landmarks.
+
+    Raises:
+        ValueError: EXIF is asked for and has no focal length, or the camera is of another image.
+    """
+    if camera.cameras is None:
+        sides = [np.ptp(hand.landmarks_2d, axis=0).max() for hand in seen.hands]
+        chosen = camera.of_photo(photo.size, photo.focal_px, np.array(sides, dtype=float))
+        return replace(seen, camera=chosen.matrix, camera_source=chosen.source)
+    if not seen.hands:
+        return seen
+    landmarks, _ = to_landmarks([replace(seen, camera=np.eye(3))], Origin())
+    given = with_given_camera(landmarks, camera, seen.number)
+    if given.intrinsics is None:
+        raise AssertionError
+    hands = tuple(
+        replace(hand, landmarks_2d=points)
+        for hand, points in zip(seen.hands, given.landmarks_2d.numpy(), strict=True)
+    )
+    return replace(seen, hands=hands, camera=given.intrinsics[0].numpy(), camera_source="given")
 
 
 def photo_of_array(pixels: UInt8[np.ndarray, "height width 3"]) -> Photo:
@@ -128,6 +148,9 @@ def to_landmarks(
         names=tuple(one.name for one, _ in pairs),
         intrinsics=torch.from_numpy(cameras),
         images=tuple(one.path for one, _ in pairs),
+        image_sizes=torch.tensor([one.size for one, _ in pairs], dtype=torch.float64).reshape(
+            -1, 2
+        ),
     )
     origins = tuple(
         replace(

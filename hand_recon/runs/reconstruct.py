@@ -11,7 +11,7 @@ import torch
 from hand_recon.command_line.composing import composed
 from hand_recon.data.photos import Photo, read_photo
 from hand_recon.fitting.in_parts import PART, fit_part
-from hand_recon.fitting.photo_camera import CameraChoice, parse_camera
+from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_landmarks import check_overrides
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
@@ -111,7 +111,7 @@ def _camera(camera: Any, photos: int) -> CameraChoice:  # noqa: ANN401
         raise ValueError(
             f"camera has the shape {matrices.shape}; expected (3, 3) or ({photos}, 3, 3)."
         )
-    return CameraChoice("file", matrices=np.broadcast_to(matrices, (photos, 3, 3)).copy())
+    return given_cameras(matrices.reshape(-1, 3, 3))
 
 
 def _refuse_errors(looked: Sequence[LookedAt]) -> None:

@@ -170,7 +170,10 @@ def test_a_verb_without_files_refuses_a_word() -> None:
     [
         (["a.jpg"], ["input=['a.jpg']"]),
         (["a.jpg", "output=out", "it's [b], c.jpg"], ["output='out'", r"input=['a.jpg','it\'s [b], c.jpg']"]),
-        (["--output", "o", "--strict", "x.jpg", "--json", "-"], ["output='o'", "strict=true", "json=-", "input=['x.jpg']"]),
+        (
+            ["--output", "o", "--strict", "x.jpg", "--json", "-"],
+            ["output='o'", "strict=true", "json=-", "input=['x.jpg']"],
+        ),
         (["--", "-x.jpg", "--strict"], ["input=['-x.jpg','--strict']"]),
         (["input=[a.jpg,b]"], ["input=[a.jpg,b]"]),
         (["input=a b.jpg"], ["input='a b.jpg'"]),

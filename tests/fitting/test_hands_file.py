@@ -137,9 +137,9 @@ def test_plain_json_holds_the_hands_that_were_fitted(hand: HandModel, tmp_path: 
     path = write(tmp_path / "hands.json", to_records(part))
     content = json.loads(path.read_text(encoding="utf-8"))
     assert [list(entry) for entry in content] == [
-        ["image", "name", "side", "score", "verdict", "reasons", "landmarks_3d", "landmarks_2d", "observed_2d",
-         "sigma_2d", "covariance_3d", "joint_angles_degrees", "shape", "root_rotation", "translation", "camera",
-         "residual", "loss", "source", "hand_model", "version"]
+        ["image", "name", "side", "score", "verdict", "reasons", "landmarks_3d", "landmarks_2d",
+         "observed_2d", "sigma_2d", "covariance_3d", "joint_angles_degrees", "shape", "root_rotation",
+         "translation", "camera", "residual", "loss", "source", "hand_model", "version"]
     ] * 3  # fmt: skip
     assert [entry["verdict"] == "not fitted" for entry in content] == [False, False, True]
     assert content[0]["observed_2d"][5] is None
@@ -233,11 +233,11 @@ Entry = dict[str, Any]
         (lambda a: a.update(extra=1), "hand 1: the hand is an object with the unknown key extra; expected"),
         (lambda a: a.update(name=3), "hand 1: name is 3; expected a string"),
         (lambda a: a.update(side="both"), "hand 1: side is both; expected 'left' or 'right'"),
-        (lambda a: a.update(verdict=1), "hand 1: verdict is 1; expected 'plausible' or 'doubtful' or 'not fitted'"),
-        (lambda a: a.update(verdict="not fitted"), "landmarks_3d is .*; expected null, because the hand is not f"),
+        (lambda a: a.update(verdict=1), "verdict is 1; expected 'plausible' or 'doubtful' or 'not f"),
+        (lambda a: a.update(verdict="not fitted"), "landmarks_3d is .*; expected null, because the"),
         (lambda a: a.update(reasons="x"), "reasons is x; expected a list of sentences"),
         (lambda a: a.update(image=3), "image is 3; expected a file name or null"),
-        (lambda a: a["joint_angles_degrees"].pop("thumb IP"), "'joint_angles_degrees' is an object without thumb IP"),
+        (lambda a: a["joint_angles_degrees"].pop("thumb IP"), "'joint_angles_degrees' is .* without thumb IP"),
         (lambda a: a["joint_angles_degrees"]["thumb IP"].pop("bend"), "thumb IP is an object without bend"),
         (lambda a: a.update(shape=None), r"shape is null; expected finite numbers of shape \(10,\)"),
         (lambda a: a["shape"].pop(), r"shape is \[.*; expected finite numbers of shape \(10,\)"),

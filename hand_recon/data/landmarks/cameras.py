@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hand_recon.data.landmarks.camera_checks import in_pixels, warn_of_cameras
 from hand_recon.data.landmarks.camera_files import CameraFile, read_camera_file
@@ -39,6 +39,24 @@ def with_cameras(landmarks: ImageLandmarks, path: Path) -> ImageLandmarks:
     hands = len(landmarks)
     file = read_camera_file(path, hands)
     which = np.arange(hands) if len(file.matrices) == hands else np.zeros(hands, dtype=np.int64)
+    return with_camera_of(landmarks, path, file, which)
+
+
+def with_camera_of(
+    landmarks: ImageLandmarks, path: Path, file: CameraFile, which: Int[np.ndarray, " hand"]
+) -> ImageLandmarks:
+    """The same with cameras that were read before.
+
+    Args:
+        landmarks: Hands of any images; cameras that they have are replaced.
+        path: The camera's file, for messages.
+        file: Its cameras.
+        which: Index of each hand's camera.
+
+    Raises:
+        ValueError: The cameras do not belong to these images.
+    """
+    hands = len(landmarks)
     calibrated = file.image_sizes[which]
     given = None if landmarks.image_sizes is None else landmarks.image_sizes.numpy()
     sizes = sizes_of_images(landmarks.images, given, hands)

@@ -60,7 +60,7 @@ class _Hand:
 
 @dataclass(frozen=True)
 class _Tables:
-    """What an annotation file says beside its annotations, by id."""
+    """Images and categories of an annotation file, by id."""
 
     images: Mapping[Any, Mapping[str, Any]]
     categories: Mapping[Any, Mapping[str, Any]]

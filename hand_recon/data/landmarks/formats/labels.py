@@ -22,7 +22,7 @@ class LabelledPoint:
     point: tuple[float, float]
     """Pixels of the image."""
     hand: str = ""
-    """What tells the hands of an image apart; empty for nothing."""
+    """Name of the hand among those of its image; empty without one."""
     side: str | None = None
     """Side, where something else than the label tells it."""
     occluded: bool = False
