@@ -1,8 +1,8 @@
 """Measures the verdicts on fitted hands: false alarms on good hands, and mistakes that are caught.
 
-    python -m tools.measure_verdicts                         # synthetic views of the level medium
-    python -m tools.measure_verdicts --level hard
-    python -m tools.measure_verdicts --landmarks labels.json # a spread of the hands of a file
+    python tools/measure_verdicts.py                         # synthetic views of the level medium
+    python tools/measure_verdicts.py --level hard
+    python tools/measure_verdicts.py --landmarks labels.json # a spread of the hands of a file
 
 Every mistake of `tools/landmark_mistakes.py` is made on the same hands, and fitted; those of cameras on
 synthetic hands in images of 640×480 pixels. The table has a row for each mistake: percent of the hands that
@@ -25,7 +25,7 @@ from hand_recon.fitting.verdict import PLAUSIBLE, doubts, verdicts
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter
 from hand_recon.schema import HandBatch
-from tools.landmark_mistakes import IMAGE_SIZE, OF_CAMERAS, OF_LANDMARKS
+from landmark_mistakes import IMAGE_SIZE, OF_CAMERAS, OF_LANDMARKS
 
 OUTLIER_NOISE = 9.0
 """Standard deviation of a label's noise from which on a synthetic hand is no good one, pixels of 224."""

@@ -24,7 +24,7 @@ def test_a_field_of_view_is_that_of_the_longer_side() -> None:
     for size in ((400, 300), (300, 400)):
         camera = choice.of_photo(size, 777.0, NO_HANDS)
         # tan 45° = 1: the focal length is half of the longer side.
-        expected = [[200, 0, size[0] / 2], [0, 200, size[1] / 2], [0, 0, 1]]
+        expected = np.array([[200, 0, size[0] / 2], [0, 200, size[1] / 2], [0, 0, 1]])
         np.testing.assert_allclose(camera.matrix, expected)
         assert camera.source == "field of view"
     sixty = parse_camera("fov=60", 1).of_photo((1000, 10), None, NO_HANDS)
