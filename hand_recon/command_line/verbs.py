@@ -55,7 +55,7 @@ VERBS: Final = {
         Verb(
             "predict", HANDS, "photographs in, 3D hands out; no training",
             "hand_recon.runs.predict_run:predict", (),
-            ("output", "camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path"), "input",
+            ("output", "camera", "detector.landmarks", "detector.boxes", "detector.models", "lifter", "hand.path"), "input",
         ),
         Verb(
             "fit", HANDS, "2D landmarks of any detector in, 3D hands out; no training",
@@ -89,7 +89,7 @@ VERBS: Final = {
             "hand_recon.runs.diagnosis:doctor_command", ("folder",), ("dexycb", "mano"),
         ),
         Verb(
-            "prepare", DATA, "convert MANO, fill caches, check the labels of a dataset",
+            "prepare", DATA, "fetch the detector, convert MANO, fill caches, check labels",
             "hand_recon.runs.preparation:prepare", ("task", "source"), ("folder", *DATA_PATHS),
         ),
     )
