@@ -19,7 +19,7 @@ import torch
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.processor import share_processor
-from hand_recon.data.photos import read_photo
+from hand_recon.data.photos.photo import read_photo
 from hand_recon.evaluation.plausibility import Plausibility
 from hand_recon.fitting.drawing import drawn_hand
 from hand_recon.fitting.fitted_hands import FittedHands

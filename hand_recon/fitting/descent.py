@@ -1,9 +1,11 @@
-"""Fit of hands to 2D landmarks: Adam from several starts on the training's loss, no network (Sec. 3.4)."""
+"""Fit of hands to 2D landmarks: several starts on the training's loss, no network (Sec. 3.4)."""
 
 import copy
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from jaxtyping import Float
@@ -11,20 +13,35 @@ from torch import Tensor
 
 from hand_recon.camera import project, six_d_to_rotation
 from hand_recon.fitting.adam import Adam
+from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.second_order.prior_terms import without_second_derivatives
+from hand_recon.fitting.second_order.solver import SecondOrder
 from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
 from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters, HandPrediction
 from hand_recon.uncertainty import DataTerm
+
+__all__ = ["Descent", "Fitted", "Objective", "fit", "with_possible_solver"]
+
+logger = logging.getLogger(__name__)
+
+SOLVERS: Final = ("second_order", "adam")
+"""Values of `Descent.solver`."""
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Settings of the optimizer."""
+    """Settings of the optimizer.
 
+    Raises:
+        ValueError: The solver is unknown.
+    """
+
+    solver: str = "adam"
+    """`second_order` (Levenberg–Marquardt) or `adam`, which takes ten to thirty times as long."""
     starts: int = 4
-    """Closed-form starts per hand."""
+    """Closed-form placements of the palm per hand; the second-order solver tries fingers in two ways each."""
     steps: int = 300
     """Steps of Adam."""
     learning_rate: float = 0.1
@@ -36,15 +53,12 @@ class Descent:
     hands_at_once: int = 256
     """Hands times starts in one batch; batches that fit the processor's cache are fastest."""
 
-
-@dataclass(frozen=True)
-class Fitted:
-    """The best result of each hand."""
-
-    prediction: HandPrediction
-    """The hands, in the form of a network's prediction; `log_sigma` is the observation's."""
-    loss: dict[str, Float[Tensor, " hand"]]
-    """Terms of the loss: raw under their names, weighted under `weighted/<name>`, the sum as `total`."""
+    def __post_init__(self) -> None:
+        """Refuse an unknown solver."""
+        if self.solver not in SOLVERS:
+            raise ValueError(
+                f"Found descent.solver={self.solver}; expected one of {', '.join(SOLVERS)}."
+            )
 
 
 class _Unknowns:
@@ -92,50 +106,6 @@ class _Unknowns:
         )
 
 
-@dataclass(frozen=True)
-class Objective:
-    """The training's loss as a function of hand parameters (Sec. 3.4)."""
-
-    hand: HandModel
-    """The hand model."""
-    prior: Prior
-    """Prior of hand knowledge (Eq. 5)."""
-    data_term: DataTerm
-    """Term of the 2D residuals, one value per hand; a staged term goes through its stages."""
-    with_non_penetration: bool = True
-    """True if the hand model has all its vertices, which the non-penetration term needs."""
-
-    def __call__(self, parameters: HandParameters, observation: Observation) -> Fitted:
-        """Pose hands and compute every term of their loss.
-
-        Args:
-            parameters: Parameters of each hand.
-            observation: The landmarks of the same hands.
-        """
-        posed = self.hand.to_camera(parameters)
-        prediction = HandPrediction(
-            parameters=parameters,
-            vertices=posed.vertices,
-            joints=posed.joints,
-            landmarks_3d=posed.landmarks,
-            landmarks_2d=project(posed.landmarks, observation.intrinsics),
-            log_sigma=observation.log_sigma(),
-            intrinsics=observation.intrinsics,
-        )
-        residual = prediction.landmarks_2d - observation.landmarks_2d
-        data = self.data_term(residual, prediction.log_sigma, observation.labelled)
-        raw = self.prior(parameters, posed.vertices if self.with_non_penetration else None)
-        weighted = self.prior.weighted(raw)
-        loss = {"total": data + sum(weighted.values()), "data": data, **raw}
-        return Fitted(
-            prediction, loss | {f"weighted/{name}": value for name, value in weighted.items()}
-        )
-
-    def without_non_penetration(self) -> "Objective":
-        """The same without non-penetration, on the few vertices that landmarks need: several times faster."""
-        return replace(self, hand=self.hand.landmarks_only(), with_non_penetration=False)
-
-
 def fit(
     observation: Observation,
     objective: Objective,
@@ -160,43 +130,75 @@ def fit(
             "to 1, 2, 3 or 4, or give a lifter."
         )
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
-    light = objective.without_non_penetration()
+    fit_piece = _solver(observation, objective, descent)
     pieces = []
     # One batch even without a hand, such as for a part of a video in which none was detected.
     for first in range(0, max(len(observation), 1), size):
         piece = observation[first : first + size]
-        starts = _starts(piece, objective.hand, descent, further)
-        pieces.append(_fit_batch(piece, starts, (light, objective), descent))
+        found = [] if further is None else [further(piece)]
+        if descent.starts:
+            found.insert(0, _closed_form(piece, objective.hand, descent.starts))
+        pieces.append(fit_piece(piece, found))
     loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
     return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
 
 
-def _starts(
-    observation: Observation,
-    hand: HandModel,
-    descent: Descent,
-    further: Callable[[Observation], Start] | None,
-) -> Start:
-    """All starts of all hands: batch × starts."""
-    found = []
-    if descent.starts:
-        found.append(
-            closed_form_starts(
-                hand,
-                observation.landmarks_2d,
-                observation.labelled,
-                observation.intrinsics,
-                count=descent.starts,
-            )
-        )
-    if further is not None:
-        found.append(further(observation))
-    return Start(
-        torch.cat([start.joint_angles for start in found], dim=1),
-        torch.cat([start.root_rotation for start in found], dim=1),
-        torch.cat([start.translation for start in found], dim=1),
-        torch.cat([start.shape for start in found], dim=1),
+def with_possible_solver(descent: Descent, objective: Objective) -> Descent:
+    """Settings with a solver that can minimize a loss; a note says so if it is another one.
+
+    Args:
+        descent: Settings of the optimizer.
+        objective: The loss.
+    """
+    unknown = without_second_derivatives(objective.prior)
+    if descent.solver != "second_order" or not unknown:
+        return descent
+    logger.info(
+        "Fitting by Adam, which is slower: the second-order solver has no derivatives of the prior's %s.",
+        ", ".join(unknown),
     )
+    return replace(descent, solver="adam")
+
+
+def _closed_form(observation: Observation, hand: HandModel, count: int) -> Start:
+    """Closed-form starts: batch × starts."""
+    return closed_form_starts(
+        hand,
+        observation.landmarks_2d,
+        observation.labelled,
+        observation.intrinsics,
+        count=count,
+    )
+
+
+def _solver(
+    observation: Observation, objective: Objective, descent: Descent
+) -> Callable[[Observation, list[Start]], Fitted]:
+    """Function that fits a batch of hands from their starts."""
+    if descent.solver == "adam" or without_second_derivatives(objective.prior):
+        light = objective.without_non_penetration()
+        return lambda piece, starts: _fit_batch(
+            piece, Start.beside(starts), (light, objective), descent
+        )
+    last = replace(objective, data_term=_last_stage(objective.data_term, observation, descent))
+    second_order = SecondOrder.of(last)
+    looked_up = slice(0, 1 if descent.starts else 0)
+
+    def fit_piece(piece: Observation, starts: list[Start]) -> Fitted:
+        palms, further = starts[looked_up], starts[looked_up.stop :]
+        found = second_order(piece, palms[0] if palms else None, further[0] if further else None)
+        with torch.no_grad():
+            return last(found, piece)
+
+    return fit_piece
+
+
+def _last_stage(term: DataTerm, observation: Observation, descent: Descent) -> DataTerm:
+    """Copy of a data term in the stage in which Adam would end."""
+    term, steps = copy.deepcopy(term), max(descent.steps, 2)
+    term.observe(observation.log_sigma().exp(), observation.labelled)
+    term.begin(step=steps - 1, epoch=0, total_steps=steps)
+    return term
 
 
 def _fit_batch(
@@ -208,15 +210,7 @@ def _fit_batch(
     """Fit a batch: from every start without non-penetration, then from the best of each hand with it."""
     count = starts.translation.shape[1]
     several = observation[torch.arange(len(observation)).repeat_interleave(count)]
-    unknowns = _Unknowns(
-        Start(
-            starts.joint_angles.flatten(0, 1),
-            starts.root_rotation.flatten(0, 1),
-            starts.translation.flatten(0, 1),
-            starts.shape.flatten(0, 1),
-        ),
-        several.intrinsics,
-    )
+    unknowns = _Unknowns(starts.flat(), several.intrinsics)
     # A copy for every batch, so that each goes through the stages from the first.
     data_term = copy.deepcopy(objectives[0].data_term)
     light, whole = (replace(objective, data_term=data_term) for objective in objectives)

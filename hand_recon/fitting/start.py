@@ -5,8 +5,9 @@ a plane look alike from far away: tilted towards the camera, and tilted away fro
 Descent from a random start often ends in neither (decision 34), so the fit starts from both.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -43,6 +44,25 @@ class Start:
     """Position of the hand's origin in the camera's frame, metres."""
     shape: Float[Tensor, "*batch direction=10"]
     """Shape coefficients, standard deviations."""
+
+    @classmethod
+    def beside(cls, starts: Sequence[Self]) -> Self:
+        """Join starts of the same hands, batch × start each, along their second axis."""
+        return cls(
+            torch.cat([start.joint_angles for start in starts], dim=1),
+            torch.cat([start.root_rotation for start in starts], dim=1),
+            torch.cat([start.translation for start in starts], dim=1),
+            torch.cat([start.shape for start in starts], dim=1),
+        )
+
+    def flat(self) -> Self:
+        """Starts of a batch × start along one axis, those of each hand behind each other."""
+        return type(self)(
+            self.joint_angles.flatten(0, 1),
+            self.root_rotation.flatten(0, 1),
+            self.translation.flatten(0, 1),
+            self.shape.flatten(0, 1),
+        )
 
 
 def closed_form_starts(

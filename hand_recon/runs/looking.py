@@ -13,7 +13,8 @@ from jaxtyping import Float, UInt8
 from omegaconf import DictConfig
 
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.data.photos import Photo, PhotoError, read_photo
+from hand_recon.data.photos.formats import PhotoError
+from hand_recon.data.photos.photo import Photo, read_photo
 from hand_recon.detection.detector import DetectedHand, Detector
 from hand_recon.fitting.origin import Origin
 from hand_recon.fitting.photo_camera import CameraChoice, with_given_camera

@@ -16,7 +16,7 @@ from jaxtyping import Int
 from rich.console import Console
 from rich.table import Table
 
-from hand_recon.data.photos import read_photo
+from hand_recon.data.photos.photo import read_photo
 from hand_recon.fitting.drawing import drawn_hand, save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords

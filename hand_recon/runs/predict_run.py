@@ -11,7 +11,7 @@ from typing import Any, Final
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from hand_recon.data.photos import photo_files
+from hand_recon.data.photos.listing import photo_files
 from hand_recon.data.progress import with_progress
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hands_file import hand_entries

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from hand_recon.command_line.composing import composed
-from hand_recon.data.photos import Photo, read_photo
+from hand_recon.data.photos.photo import Photo, read_photo
 from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand

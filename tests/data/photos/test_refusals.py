@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from PIL import Image, features
 
 from hand_recon.data import photos
-from hand_recon.data.photos import PhotoError, read_photo
+from hand_recon.data.photos.formats import PhotoError
+from hand_recon.data.photos.photo import read_photo
 from tests.support.photos import AVIF, HEIC_ROTATED, corners, near
 
 

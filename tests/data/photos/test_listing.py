@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from hand_recon.data.photo_files import natural_order
-from hand_recon.data.photos import PhotoError, photo_files
+from hand_recon.data.photos.formats import PhotoError
+from hand_recon.data.photos.listing import natural_order, photo_files
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
-from hand_recon.data.photos import PhotoError, read_photo
+from hand_recon.data.photos.formats import PhotoError
+from hand_recon.data.photos.photo import read_photo
 from tests.support.photos import AVIF, BLUE, GREEN, RED, corners, exif_of, near
 
 

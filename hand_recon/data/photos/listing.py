@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from hand_recon.data.photo_formats import PHOTO_SUFFIXES, PhotoError, kind_of_file, shown
+from hand_recon.data.photos.formats import PHOTO_SUFFIXES, PhotoError, kind_of_file, shown
 
 logger = logging.getLogger(__name__)
 

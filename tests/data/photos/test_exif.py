@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hand_recon.data.photos import read_photo
+from hand_recon.data.photos.photo import read_photo
 from tests.support.photos import AVIF, BLUE, HEIC_ROTATED, RED, corners, exif_of, near, needs_heif
 
 

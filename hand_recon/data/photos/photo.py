@@ -19,12 +19,9 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, features
 
-from hand_recon.data.photo_colours import to_srgb
-from hand_recon.data.photo_exif import focal, orientation, to_upright
-from hand_recon.data.photo_files import photo_files
-from hand_recon.data.photo_formats import Kind, PhotoError, kind_of_file, shown
-
-__all__ = ["LARGEST_PHOTO", "Photo", "PhotoError", "photo_files", "read_photo"]
+from hand_recon.data.photos.colours import to_srgb
+from hand_recon.data.photos.exif import focal, orientation, to_upright
+from hand_recon.data.photos.formats import Kind, PhotoError, kind_of_file, shown
 
 LARGEST_PHOTO: Final = 210_000_000
 """Most pixels of a photograph: a little more than the 200 megapixels of the largest cameras of telephones."""

@@ -1,0 +1,1 @@
+"""Photographs as people have them: formats, EXIF, colours, folders of them."""
