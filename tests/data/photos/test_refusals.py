@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, features
 
-from hand_recon.data import photos
+from hand_recon.data.photos import photo
 from hand_recon.data.photos.formats import PhotoError
 from hand_recon.data.photos.photo import read_photo
 from tests.support.photos import AVIF, HEIC_ROTATED, corners, near
@@ -53,15 +53,15 @@ def test_an_image_above_the_limit_is_refused(
 ) -> None:
     file = tmp_path / "hand.png"
     Image.new("1", (40, 40)).save(file)
-    monkeypatch.setattr(photos, "LARGEST_PHOTO", limit)
+    monkeypatch.setattr(photo, "LARGEST_PHOTO", limit)
     with pytest.raises(PhotoError, match="Scale it down first"):
         read_photo(file)
-    monkeypatch.setattr(photos, "LARGEST_PHOTO", 1600)
+    monkeypatch.setattr(photo, "LARGEST_PHOTO", 1600)
     assert read_photo(file).size == (40, 40)
 
 
 def test_the_limit_admits_the_largest_telephone_and_refuses_a_small_bomb(tmp_path: Path) -> None:
-    assert photos.LARGEST_PHOTO >= 16_320 * 12_240
+    assert photo.LARGEST_PHOTO >= 16_320 * 12_240
     # 90,000 × 90,000 pixels in a header of a few bytes: nothing of it is decoded.
     header = b"\x89PNG\r\n\x1a\n" + _chunk(
         b"IHDR", (90_000).to_bytes(4, "big") * 2 + b"\x08\x02\0\0\0"
