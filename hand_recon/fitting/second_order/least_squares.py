@@ -1,0 +1,140 @@
+"""The loss of a fit as a least-squares problem: data term, ranges of motion and shape (Sec. 3.4)."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.second_order.data_weights import data_weights, is_quadratic
+from hand_recon.fitting.second_order.prior_terms import PriorTerms, RangeHinge
+from hand_recon.fitting.second_order.projection import LandmarkProjection
+from hand_recon.fitting.second_order.unknowns import Unknowns
+from hand_recon.uncertainty import DataTerm
+
+
+@dataclass(frozen=True)
+class Model:
+    """Second-order model of the loss at the current hands."""
+
+    value: Float[Tensor, " hand"]
+    """Loss, up to a constant of each hand."""
+    gradient: Float[Tensor, "hand unknown=61"]
+    """Derivatives of the loss without the hinge."""
+    curvature: Float[Tensor, "hand unknown=61 unknown=61"]
+    """Gauss–Newton approximation of its second derivatives, without the hinge."""
+    hinge: RangeHinge | None
+    """Violation of the ranges of motion, whose second derivatives depend on the step."""
+
+    def __getitem__(self, hands: Tensor) -> Self:
+        """The models of some of the hands."""
+        hinge = None if self.hinge is None else self.hinge[hands]
+        return replace(
+            self,
+            value=self.value[hands],
+            gradient=self.gradient[hands],
+            curvature=self.curvature[hands],
+            hinge=hinge,
+        )
+
+    def where(self, chosen: Tensor, other: Self) -> Self:
+        """These models where a mask of hands is true, the others' elsewhere."""
+        hinge = self.hinge
+        if hinge is not None and other.hinge is not None:
+            hinge = hinge.where(chosen, other.hinge)
+        return replace(
+            self,
+            value=torch.where(chosen, self.value, other.value),
+            gradient=torch.where(chosen[:, None], self.gradient, other.gradient),
+            curvature=torch.where(chosen[:, None, None], self.curvature, other.curvature),
+            hinge=hinge,
+        )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Loss of some hands as a function of their unknowns."""
+
+    projection: LandmarkProjection
+    """Projection of the hand model's landmarks."""
+    terms: PriorTerms
+    """Terms of the prior on pose and shape."""
+    data_term: DataTerm
+    """Data term, in the stage that is minimized."""
+    observation: Observation
+    """The landmarks."""
+    log_sigma: Float[Tensor, "hand landmark=21 2"]
+    """Logarithm of σ of each coordinate, pixels."""
+    target: Float[Tensor, "hand landmark=21 2"]
+    """Landmarks, pixels; zero where there is none."""
+    inverse: Float[Tensor, "hand 3 3"]
+    """Inverse camera matrices."""
+    weights: Float[Tensor, "hand landmark=21 2"] | None
+    """Second derivatives of the data term by the residuals, if they are constant."""
+
+    @classmethod
+    def of(
+        cls,
+        projection: LandmarkProjection,
+        terms: PriorTerms,
+        data_term: DataTerm,
+        observation: Observation,
+    ) -> Self:
+        """The problem of some landmarks.
+
+        Args:
+            projection: Projection of the hand model's landmarks.
+            terms: Terms of the prior on pose and shape.
+            data_term: Data term, in the stage that is minimized.
+            observation: The landmarks.
+        """
+        labelled, log_sigma = observation.labelled, observation.log_sigma()
+        target = observation.landmarks_2d.masked_fill(~labelled[..., None], 0.0)
+        weights = None
+        if is_quadratic(data_term):
+            weights = data_weights(data_term, target, log_sigma, labelled)
+        inverse = torch.linalg.inv(observation.intrinsics)
+        return cls(projection, terms, data_term, observation, log_sigma, target, inverse, weights)
+
+    def __getitem__(self, hands: Tensor) -> Self:
+        """The problem of some of the hands."""
+        return replace(
+            self,
+            observation=self.observation[hands],
+            log_sigma=self.log_sigma[hands],
+            target=self.target[hands],
+            inverse=self.inverse[hands],
+            weights=None if self.weights is None else self.weights[hands],
+        )
+
+    def __call__(self, unknowns: Unknowns) -> Model:
+        """Compute the loss with its first and second derivatives.
+
+        Args:
+            unknowns: The hands.
+        """
+        at = self.projection(unknowns, self.observation.intrinsics, self.inverse)
+        residual = at.pixels.permute(2, 1, 0) - self.target
+        data, weights = self._data(residual)
+        jacobian = self.projection.jacobian(at, self.inverse)
+        weighted = jacobian * weights.mT.flatten(1)[..., None]
+        smooth, hinge = self.terms.smooth(unknowns), self.terms.hinge(unknowns)
+        gradient = (weighted.mT @ residual.mT.flatten(1)[..., None])[..., 0] + smooth.gradient
+        curvature = jacobian.mT @ weighted
+        curvature.diagonal(dim1=1, dim2=2).add_(smooth.diagonal)
+        if smooth.matrix is not None:
+            curvature = curvature + smooth.matrix
+        value = data + smooth.value
+        if hinge is not None:
+            value = value + hinge.value()
+        return Model(value, gradient, curvature, hinge)
+
+    def _data(self, residual: Tensor) -> tuple[Tensor, Tensor]:
+        """Data term of each hand, and the weights of the squared residuals."""
+        if self.weights is not None:
+            return 0.5 * (self.weights * residual.square()).sum(dim=(1, 2)), self.weights
+        labelled = self.observation.labelled
+        value = self.data_term(residual, self.log_sigma, labelled)
+        return value, data_weights(self.data_term, residual, self.log_sigma, labelled)

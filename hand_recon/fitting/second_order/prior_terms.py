@@ -1,0 +1,185 @@
+"""The prior's terms on pose and shape as functions with second derivatives (Sec. 3.2, Eq. 1–3).
+
+The ranges of motion are a hinge, squared: its second derivative is 2λ₁ outside the ranges and zero inside.
+Which angles are outside is decided anew for every step (`RangeHinge`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
+from hand_recon.knowledge.pose_components import PoseComponentsTerm
+from hand_recon.knowledge.prior import Prior
+from hand_recon.knowledge.terms import NonPenetrationTerm, RangeOfMotionTerm, ShapeTerm
+
+SMALL_SHAPE: Final = 0.02
+"""Norm of the shape around which the norm is rounded off, standard deviations; it has a kink at zero."""
+
+NARROWEST: Final = 0.05
+"""Least width of a range that an angle is centred in, radians."""
+
+_Angles = Float[Tensor, "hand angle=45"]
+
+
+@dataclass(frozen=True)
+class RangeHinge:
+    """Squared violation of the ranges of motion of each hand."""
+
+    angles: _Angles
+    """Joint angles, radians."""
+    lower: _Angles
+    """Lower bounds, radians."""
+    upper: _Angles
+    """Upper bounds, radians."""
+    weight: float
+    """λ₁, per squared radian."""
+
+    def nearest(self, angles: _Angles) -> _Angles:
+        """The nearest angles inside the ranges, radians.
+
+        Args:
+            angles: Joint angles, radians.
+        """
+        return torch.minimum(torch.maximum(angles, self.lower), self.upper)
+
+    def value(self) -> Float[Tensor, " hand"]:
+        """Weighted loss."""
+        return self.weight * (self.angles - self.nearest(self.angles)).square().sum(dim=1)
+
+    def expanded(self, expected: _Angles) -> tuple[_Angles, _Angles]:
+        """Gradient at the current angles and curvature of the branch of the hinge at expected angles.
+
+        Args:
+            expected: Angles that a step is expected to reach, radians.
+        """
+        bound = self.nearest(expected)
+        curvature = 2 * self.weight * (expected != bound).to(expected)
+        # Where the branch is flat the bound may be infinite, and zero times infinity is NaN.
+        beyond = torch.where(curvature > 0, self.angles - bound, 0.0)
+        return curvature * beyond, curvature
+
+    def __getitem__(self, hands: Tensor) -> Self:
+        """The hinges of some of the hands."""
+        return replace(
+            self, angles=self.angles[hands], lower=self.lower[hands], upper=self.upper[hands]
+        )
+
+    def where(self, chosen: Tensor, other: Self) -> Self:
+        """These hinges where a mask of hands is true, the others' elsewhere."""
+        chosen = chosen[:, None]
+        return replace(
+            self,
+            angles=torch.where(chosen, self.angles, other.angles),
+            lower=torch.where(chosen, self.lower, other.lower),
+            upper=torch.where(chosen, self.upper, other.upper),
+        )
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Second-order model of the terms without kinks."""
+
+    value: Float[Tensor, " hand"]
+    """Weighted loss."""
+    gradient: Float[Tensor, "hand unknown=61"]
+    """Derivatives by the unknowns."""
+    diagonal: Float[Tensor, "hand unknown=61"]
+    """Diagonal of a positive semi-definite approximation of the second derivatives."""
+    matrix: Float[Tensor, "unknown=61 unknown=61"] | None
+    """Further second derivatives, the same for all hands."""
+
+
+class PriorTerms:
+    """The terms of a prior that are functions of pose and shape.
+
+    Args:
+        prior: The prior.
+        centred: Whether to add half the squared distance of every angle from the middle of its range, in
+            standard deviations of a uniform distribution over the range. The ranges alone leave angles that
+            landmarks do not determine anywhere; with it, they go to the middle.
+    """
+
+    def __init__(self, prior: Prior, *, centred: bool = False) -> None:
+        terms = list(prior.terms.values())
+        ranges = [term for term in terms if type(term) is RangeOfMotionTerm]
+        self._range = ranges[0] if ranges else None
+        self._shape_weight = sum(term.weight for term in terms if type(term) is ShapeTerm)
+        self._components = [term for term in terms if type(term) is PoseComponentsTerm]
+        self._centre: tuple[Tensor, Tensor] | None = None
+        if centred and self._range is not None:
+            self._centre = _uniform_moments(self._range)
+
+    def smooth(self, unknowns: Unknowns) -> Smooth:
+        """Model the terms without kinks.
+
+        Args:
+            unknowns: The hands.
+        """
+        shape = unknowns.shape
+        norm = (shape.square().sum(dim=1) + SMALL_SHAPE**2).sqrt()
+        value = self._shape_weight * norm
+        gradient, diagonal = shape.new_zeros(len(shape), COUNT), shape.new_zeros(len(shape), COUNT)
+        gradient[:, SHAPE] = self._shape_weight * shape / norm[:, None]
+        # Larger than the norm's own second derivatives, as in reweighted least squares: no step overshoots.
+        diagonal[:, SHAPE] = (self._shape_weight / norm)[:, None]
+        angles = unknowns.joint_angles.flatten(1)
+        if self._centre is not None:
+            mean, precision = self._centre
+            value = value + 0.5 * (precision * (angles - mean).square()).sum(dim=1)
+            gradient[:, ANGLES] += precision * (angles - mean)
+            diagonal[:, ANGLES] += precision
+        matrix = None
+        for term in self._components:
+            scale, whitening = 2 * term.weight, term.components.whitening.to(angles)
+            coefficients = (angles - term.components.mean.to(angles)) @ whitening.mT
+            value = value + scale / 2 * coefficients.square().sum(dim=1)
+            gradient[:, ANGLES] += scale * coefficients @ whitening
+            matrix = shape.new_zeros(COUNT, COUNT)
+            matrix[ANGLES, ANGLES] = scale * whitening.mT @ whitening
+        return Smooth(value, gradient, diagonal, matrix)
+
+    def hinge(self, unknowns: Unknowns) -> RangeHinge | None:
+        """Violation of the ranges, refined by functional anatomy for the current pose; none without ranges.
+
+        Args:
+            unknowns: The hands.
+        """
+        term = self._range
+        if term is None:
+            return None
+        angles = unknowns.joint_angles
+        ranges = term.ranges
+        if term.anatomy is not None:
+            ranges = term.anatomy.refine(ranges, angles)
+        lower, upper = ranges.lower.expand_as(angles), ranges.upper.expand_as(angles)
+        return RangeHinge(angles.flatten(1), lower.flatten(1), upper.flatten(1), term.weight)
+
+
+def without_second_derivatives(prior: Prior) -> list[str]:
+    """Names of the terms of a prior that a second-order fit cannot have.
+
+    Args:
+        prior: The prior.
+    """
+    known = (RangeOfMotionTerm, ShapeTerm, PoseComponentsTerm, NonPenetrationTerm)
+    once = (RangeOfMotionTerm, PoseComponentsTerm, NonPenetrationTerm)
+    seen: list[type] = []
+    names = []
+    for name, term in prior.terms.items():
+        if type(term) not in known or (type(term) in once and type(term) in seen):
+            names.append(name)
+        seen.append(type(term))
+    return names
+
+
+def _uniform_moments(term: RangeOfMotionTerm) -> tuple[Tensor, Tensor]:
+    """Mean and inverse variance of uniform distributions over the ranges; zero for unbounded ones."""
+    lower, upper = term.lower.flatten(), term.upper.flatten()
+    # Twist and other fixed angles have a range of width zero, which the hinge alone holds.
+    width = (upper - lower).clamp(min=NARROWEST)
+    bounded = width.isfinite()
+    return torch.where(bounded, (lower + upper) / 2, 0.0), torch.where(bounded, 12 / width**2, 0.0)
