@@ -148,7 +148,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--draw", action="store_true", help="time the drawings, too")
     parser.add_argument("overrides", nargs="*", help="settings of hand-recon predict")
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()
     share_processor()
     torch.set_num_threads(options.threads)
     report = measure(options)

@@ -71,6 +71,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
             images=None if config.images is None else Path(config.images),
             placeholders=config.placeholders,
         ),
+        None if config.image_size is None else (config.image_size[0], config.image_size[1]),
     )
     done = list(finished_entries(folder / "hands.json.part"))[: len(landmarks)] if goes_on else []
     if done:
