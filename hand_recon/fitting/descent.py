@@ -186,9 +186,7 @@ def _solver(
 
     def fit_piece(piece: Observation, starts: list[Start]) -> Fitted:
         palms, further = starts[looked_up], starts[looked_up.stop :]
-        found = second_order(piece, palms[0] if palms else None, further[0] if further else None)
-        with torch.no_grad():
-            return last(found, piece)
+        return second_order(piece, palms[0] if palms else None, further[0] if further else None)
 
     return fit_piece
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -21,6 +22,21 @@ class Fitted:
     """The hands, in the form of a network's prediction; `log_sigma` is the observation's."""
     loss: dict[str, Float[Tensor, " hand"]]
     """Terms of the loss: raw under their names, weighted under `weighted/<name>`, the sum as `total`."""
+
+    def put(self, hands: Tensor, some: "Fitted") -> "Fitted":
+        """These results with those of some hands replaced.
+
+        Args:
+            hands: Indices of those hands.
+            some: Their results, with the same terms of the loss.
+        """
+        loss = {
+            name: value.index_put((hands,), some.loss[name]) for name, value in self.loss.items()
+        }
+        order = torch.arange(len(self.prediction.log_sigma), device=hands.device)
+        order[hands] = len(order) + torch.arange(len(hands), device=hands.device)
+        both = HandPrediction.join([self.prediction, some.prediction])
+        return Fitted(both.select(order), loss)
 
 
 @dataclass(frozen=True)

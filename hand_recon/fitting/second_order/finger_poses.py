@@ -55,30 +55,33 @@ class FingerPoses:
         self._poses = finger_table().to(hand.template)
         self._points = hand(self._poses, hand.template.new_zeros(len(self._poses), 10)).landmarks
 
-    def nearest(self, start: Unknowns, seen: "Seen", *, second: bool = False) -> Unknowns:
+    def nearest(self, start: Unknowns, seen: "Seen") -> tuple[Unknowns, Unknowns]:
         """Replace the joint angles of hands by those of the table that meet the landmarks best.
 
         Args:
             start: Placements of the palm.
             seen: The landmarks.
-            second: Whether to take, of the poses with the fingertip at another depth, the best.
+
+        Returns:
+            The best pose of every finger; and the best of those with the fingertip at another depth.
         """
         placed = self._points @ start.root_rotation.mT[:, None]
         placed = placed + start.translation(seen.inverse)[:, None, None]
         pixels = project(placed.flatten(1, 2), seen.intrinsics).view(*placed.shape[:3], 2)
         off = (pixels - seen.target[:, None]).square() * seen.weights[:, None]
         costs, depths = off.sum(dim=-1), placed[..., 2]
-        angles = start.joint_angles.clone()
+        first, second = start.joint_angles.clone(), start.joint_angles.clone()
         for finger in FINGERS:
             landmarks = [place for place, name in enumerate(LANDMARKS) if name.startswith(finger)]
-            cost = costs[:, :, landmarks].sum(dim=-1)
-            if second:
-                reach = depths[:, :, landmarks[-1]] - depths[:, :, landmarks[0]]
-                first = reach.gather(1, cost.argmin(dim=1, keepdim=True))
-                cost = cost.masked_fill((reach - first).abs() < OTHER_DEPTH, torch.inf)
             joints = [place for place, name in enumerate(ARTICULATED) if name.startswith(finger)]
-            angles[:, joints] = self._poses[:, joints][cost.argmin(dim=1)]
-        return replace(start, joint_angles=angles)
+            cost = costs[:, :, landmarks].sum(dim=-1)
+            best = cost.argmin(dim=1)
+            first[:, joints] = self._poses[:, joints][best]
+            reach = depths[:, :, landmarks[-1]] - depths[:, :, landmarks[0]]
+            alike = (reach - reach.gather(1, best[:, None])).abs() < OTHER_DEPTH
+            other = cost.masked_fill(alike, torch.inf).argmin(dim=1)
+            second[:, joints] = self._poses[:, joints][other]
+        return replace(start, joint_angles=first), replace(start, joint_angles=second)
 
 
 @dataclass(frozen=True)

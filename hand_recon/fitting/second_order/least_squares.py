@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import data_weights, is_quadratic
 from hand_recon.fitting.second_order.prior_terms import PriorTerms, RangeHinge
 from hand_recon.fitting.second_order.projection import LandmarkProjection
-from hand_recon.fitting.second_order.unknowns import Unknowns
+from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, Unknowns
 from hand_recon.uncertainty import DataTerm
 
 
@@ -21,12 +21,14 @@ class Model:
 
     value: Float[Tensor, " hand"]
     """Loss, up to a constant of each hand."""
-    gradient: Float[Tensor, "hand unknown=61"]
-    """Derivatives of the loss without the hinge."""
-    curvature: Float[Tensor, "hand unknown=61 unknown=61"]
+    gradient: Float[Tensor, "hand unknown"]
+    """Derivatives of the loss without the hinge, by the free unknowns."""
+    curvature: Float[Tensor, "hand unknown unknown"]
     """Gauss–Newton approximation of its second derivatives, without the hinge."""
     hinge: RangeHinge | None
-    """Violation of the ranges of motion, whose second derivatives depend on the step."""
+    """Violation of the ranges by the free angles; its second derivatives depend on the step."""
+    free: Int[Tensor, " unknown"]
+    """Indices of the free unknowns among all."""
 
     def __getitem__(self, hands: Tensor) -> Self:
         """The models of some of the hands."""
@@ -36,6 +38,24 @@ class Model:
             value=self.value[hands],
             gradient=self.gradient[hands],
             curvature=self.curvature[hands],
+            hinge=hinge,
+        )
+
+    def put(self, hands: Tensor, some: Self) -> Self:
+        """These models with those of some hands replaced.
+
+        Args:
+            hands: Indices of those hands.
+            some: Their models.
+        """
+        hinge = self.hinge
+        if hinge is not None and some.hinge is not None:
+            hinge = hinge.put(hands, some.hinge)
+        return replace(
+            self,
+            value=self.value.index_put((hands,), some.value),
+            gradient=self.gradient.index_put((hands,), some.gradient),
+            curvature=self.curvature.index_put((hands,), some.curvature),
             hinge=hinge,
         )
 
@@ -121,15 +141,18 @@ class Problem:
         jacobian = self.projection.jacobian(at, self.inverse)
         weighted = jacobian * weights.mT.flatten(1)[..., None]
         smooth, hinge = self.terms.smooth(unknowns), self.terms.hinge(unknowns)
-        gradient = (weighted.mT @ residual.mT.flatten(1)[..., None])[..., 0] + smooth.gradient
+        free = self.projection.free
+        gradient = (weighted.mT @ residual.mT.flatten(1)[..., None])[..., 0]
+        gradient = gradient + smooth.gradient[:, free]
         curvature = jacobian.mT @ weighted
-        curvature.diagonal(dim1=1, dim2=2).add_(smooth.diagonal)
+        curvature.diagonal(dim1=1, dim2=2).add_(smooth.diagonal[:, free])
         if smooth.matrix is not None:
-            curvature = curvature + smooth.matrix
+            curvature = curvature + smooth.matrix[free][:, free]
         value = data + smooth.value
         if hinge is not None:
             value = value + hinge.value()
-        return Model(value, gradient, curvature, hinge)
+            hinge = hinge.of_angles(free[: len(free) - COUNT + ANGLES.stop])
+        return Model(value, gradient, curvature, hinge, free)
 
     def _data(self, residual: Tensor) -> tuple[Tensor, Tensor]:
         """Data term of each hand, and the weights of the squared residuals."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Final, Protocol, Self, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.fitting.second_order.least_squares import Model
-from hand_recon.fitting.second_order.unknowns import ANGLES, ROTATION, Unknowns
+from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, ROTATION, Unknowns
 
 FIRST_DAMPING: Final = 1e-2
 LEAST_DAMPING: Final = 1e-6
@@ -43,14 +43,43 @@ class Reached:
 
     unknowns: Unknowns
     """The hands."""
-    value: Float[Tensor, " hand"]
-    """Their loss, up to a constant of each hand."""
+    model: Model
+    """Their loss with its derivatives."""
     damping: Float[Tensor, " hand"]
-    """The damping that a next step would have."""
+    """The damping that a next step will have."""
+
+    @classmethod
+    def at(
+        cls, problem: Loss, unknowns: Unknowns, damping: Float[Tensor, " hand"] | None = None
+    ) -> Self:
+        """Hands before the first step.
+
+        Args:
+            problem: The loss.
+            unknowns: The hands.
+            damping: First damping of each hand, `FIRST_DAMPING` if none is given.
+        """
+        model = problem(unknowns)
+        if damping is None:
+            damping = torch.full_like(model.value, FIRST_DAMPING)
+        return cls(unknowns, model, damping)
 
     def __getitem__(self, hands: Tensor) -> Self:
         """The results of some of the hands."""
-        return type(self)(self.unknowns[hands], self.value[hands], self.damping[hands])
+        return type(self)(self.unknowns[hands], self.model[hands], self.damping[hands])
+
+    def put(self, hands: Tensor, some: Self) -> Self:
+        """These results with those of some hands replaced.
+
+        Args:
+            hands: Indices of those hands.
+            some: Their results.
+        """
+        return type(self)(
+            self.unknowns.put(hands, some.unknowns),
+            self.model.put(hands, some.model),
+            self.damping.index_put((hands,), some.damping),
+        )
 
 
 @dataclass(frozen=True)
@@ -78,20 +107,22 @@ def damped_step(model: Model, damping: Float[Tensor, " hand"]) -> Float[Tensor, 
     added = damping[:, None] * (diagonal + least) + 1e-3 * least
     hinge = model.hinge
     if hinge is None:
-        return _solved(model, added)
-    step = _solved(model, added, branches := hinge.expanded(hinge.angles))
-    expected = hinge.expanded(hinge.angles + step[:, ANGLES])
-    # Most steps cross no bound.
-    changed = (expected[0] != branches[0]).any(dim=1).nonzero()[:, 0]
-    if len(changed):
-        other = (expected[0][changed], expected[1][changed])
-        step[changed] = _solved(model[changed], added[changed], other)
-    return step
+        step = _solved(model, added)
+    else:
+        branches = hinge.expanded(hinge.angles)
+        step = _solved(model, added, branches)
+        expected = hinge.expanded(hinge.angles + step[:, : hinge.angles.shape[1]])
+        # Most steps cross no bound.
+        changed = (expected[0] != branches[0]).any(dim=1).nonzero()[:, 0]
+        if len(changed):
+            other = (expected[0][changed], expected[1][changed])
+            step[changed] = _solved(model[changed], added[changed], other)
+    return step.new_zeros(len(step), COUNT).index_copy(1, model.free, step)
 
 
 def _solved(
     model: Model, added: Tensor, branches: tuple[Tensor, Tensor] | None = None
-) -> Float[Tensor, "hand unknown=61"]:
+) -> Float[Tensor, "hand unknown"]:
     """Solve the linear equations of a step.
 
     Args:
@@ -102,70 +133,54 @@ def _solved(
     matrix, gradient = model.curvature.clone(), model.gradient
     if branches is not None:
         gradient, added = gradient.clone(), added.clone()
-        gradient[:, ANGLES] += branches[0]
-        added[:, ANGLES] += branches[1]
+        count = branches[0].shape[1]
+        gradient[:, :count] += branches[0]
+        added[:, :count] += branches[1]
     matrix.diagonal(dim1=1, dim2=2).add_(added)
     factor, _ = torch.linalg.cholesky_ex(matrix)
     return -torch.cholesky_solve(gradient[..., None], factor)[..., 0]
 
 
-def minimize(
-    problem: Loss,
-    start: Unknowns,
-    limits: Limits,
-    damping: Float[Tensor, " hand"] | None = None,
-) -> Reached:
+def minimize(problem: Loss, start: Reached, limits: Limits) -> Reached:
     """Take steps until every hand has converged or the steps are used up.
 
-    A step that does not lower a hand's loss is taken back, so the loss never rises.
+    A step that does not lower a hand's loss is taken back, so the loss never rises. Converged hands are left
+    out of the further steps once they are a quarter of all.
 
     Args:
         problem: The loss.
         start: The hands to start from.
         limits: Number and size of the steps.
-        damping: First damping of each hand.
     """
-    if damping is None:
-        damping = torch.full_like(start.shape[:, 0], FIRST_DAMPING)
-    model = problem(start)
-    everything = Reached(start, model.value, damping)
-    if not len(start):
-        return everything
-    here, rows = everything, torch.arange(len(start), device=damping.device)
-    for _ in range(limits.iterations):
-        step = _limited(damped_step(model, here.damping), limits.largest_angle)
-        trial = here.unknowns.moved(step)
-        there = problem(trial)
-        # False for NaN as well.
-        better = there.value < here.value
-        fall = here.value - there.value
-        done = better & (fall < limits.tolerance * here.value.abs())
-        done |= here.damping >= GREATEST_DAMPING
-        model = there.where(better, model)
-        factor = torch.where(better, DECREASE, INCREASE)
-        damping = (here.damping * factor).clamp(LEAST_DAMPING, GREATEST_DAMPING)
-        here = Reached(trial.where(better, here.unknowns), model.value, damping)
+    everything = here = start
+    rows = torch.arange(len(start.damping), device=start.damping.device)
+    for _ in range(limits.iterations if len(rows) else 0):
+        here, done = _stepped(problem, here, limits)
         if done.all():
             break
         if 4 * int(done.sum()) > len(done):
-            everything = _put(everything, rows, here)
+            everything = everything.put(rows, here)
             going = (~done).nonzero()[:, 0]
-            rows, here, model, problem = rows[going], here[going], model[going], problem[going]
-    return _put(everything, rows, here)
+            rows, here, problem = rows[going], here[going], problem[going]
+    return here if len(rows) == len(start.damping) else everything.put(rows, here)
+
+
+def _stepped(problem: Loss, here: Reached, limits: Limits) -> tuple[Reached, Bool[Tensor, " hand"]]:
+    """Take one step; the mask is true for hands that have converged."""
+    step = _limited(damped_step(here.model, here.damping), limits.largest_angle)
+    trial = here.unknowns.moved(step)
+    model, before = problem(trial), here.model.value
+    # False for NaN as well.
+    better = model.value < before
+    done = better & (before - model.value < limits.tolerance * before.abs())
+    done |= here.damping >= GREATEST_DAMPING
+    factor = torch.where(better, DECREASE, INCREASE)
+    damping = (here.damping * factor).clamp(LEAST_DAMPING, GREATEST_DAMPING)
+    unknowns = trial.where(better, here.unknowns)
+    return Reached(unknowns, model.where(better, here.model), damping), done
 
 
 def _limited(step: Float[Tensor, "hand unknown=61"], largest: float) -> Tensor:
     """Shorten steps whose largest change of an angle is too large."""
     turned = step[:, ANGLES.start : ROTATION.stop].abs().amax(dim=1, keepdim=True)
     return step * (largest / turned.clamp(min=largest))
-
-
-def _put(everything: Reached, rows: Tensor, some: Reached) -> Reached:
-    """Replace the results of some hands."""
-    if len(rows) == len(everything.value):
-        return some
-    return Reached(
-        everything.unknowns.put(rows, some.unknowns),
-        everything.value.index_put((rows,), some.value),
-        everything.damping.index_put((rows,), some.damping),
-    )

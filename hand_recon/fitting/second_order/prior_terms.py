@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
@@ -22,7 +22,7 @@ SMALL_SHAPE: Final = 0.02
 NARROWEST: Final = 0.05
 """Least width of a range that an angle is centred in, radians."""
 
-_Angles = Float[Tensor, "hand angle=45"]
+_Angles = Float[Tensor, "hand angle"]
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,37 @@ class RangeHinge:
         beyond = torch.where(curvature > 0, self.angles - bound, 0.0)
         return curvature * beyond, curvature
 
+    def of_angles(self, some: Tensor) -> Self:
+        """The hinges of some of the angles.
+
+        Args:
+            some: Their indices.
+        """
+        return replace(
+            self,
+            angles=self.angles[:, some],
+            lower=self.lower[:, some],
+            upper=self.upper[:, some],
+        )
+
     def __getitem__(self, hands: Tensor) -> Self:
         """The hinges of some of the hands."""
         return replace(
             self, angles=self.angles[hands], lower=self.lower[hands], upper=self.upper[hands]
+        )
+
+    def put(self, hands: Tensor, some: Self) -> Self:
+        """These hinges with those of some hands replaced.
+
+        Args:
+            hands: Indices of those hands.
+            some: Their hinges.
+        """
+        return replace(
+            self,
+            angles=self.angles.index_put((hands,), some.angles),
+            lower=self.lower.index_put((hands,), some.lower),
+            upper=self.upper.index_put((hands,), some.upper),
         )
 
     def where(self, chosen: Tensor, other: Self) -> Self:
@@ -112,6 +139,14 @@ class PriorTerms:
         self._centre: tuple[Tensor, Tensor] | None = None
         if centred and self._range is not None:
             self._centre = _uniform_moments(self._range)
+
+    def free(self) -> Int[Tensor, " unknown"]:
+        """Indices of the unknowns without the angles that the ranges fix, such as twist."""
+        every = torch.arange(COUNT)
+        if self._range is None:
+            return every
+        width = (self._range.upper - self._range.lower).flatten().cpu()
+        return torch.cat([every[ANGLES][width > 0], every[ANGLES.stop :]])
 
     def smooth(self, unknowns: Unknowns) -> Smooth:
         """Model the terms without kinks.

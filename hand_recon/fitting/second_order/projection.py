@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.fitting.second_order.chain import (
@@ -12,7 +12,7 @@ from hand_recon.fitting.second_order.chain import (
     chain_points,
     subtrees,
 )
-from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, PLACE, ROTATION, SHAPE, Unknowns
+from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, ROTATION, Unknowns
 from hand_recon.hand.model import HandModel
 
 NEAREST = 0.01
@@ -42,9 +42,12 @@ class LandmarkProjection:
 
     Args:
         hand: Hand model, with all vertices or only those of its landmarks.
+        free: Indices of the unknowns that the Jacobian is by, in ascending order; all for none. The
+            last 16, which are not joint angles, must be among them.
     """
 
-    def __init__(self, hand: HandModel) -> None:
+    def __init__(self, hand: HandModel, free: Int[Tensor, " unknown"] | None = None) -> None:
+        self.free = torch.arange(COUNT) if free is None else free
         self.skeleton = Skeleton(hand)
         points = chain_points(hand, hand.landmark_regressor)
         count = len(points.mean)
@@ -73,15 +76,22 @@ class LandmarkProjection:
         inside = below[self._pair_joint][:, self._summand_joint]
         self._sum_over_subtree = (same & inside).to(hand.template)
         self._count = count
-        self._entries = self._entry_index()
+        self._kept, self._entries = self._entry_index()
 
-    def _entry_index(self) -> Tensor:
-        """Positions of the derivatives by rotations in the flattened Jacobian, axis × coordinate × pair."""
-        order = torch.tensor(LEVEL_ORDER)[self._pair_joint]
-        first = torch.where(order == 0, ROTATION.start, ANGLES.start + 3 * (order - 1))
-        column = first[None, None] + torch.arange(3)[:, None, None]
-        row = torch.arange(2)[None, :, None] * self._count + self._pair_landmark
-        return (row * COUNT + column).flatten()
+    def _entry_index(self) -> tuple[Tensor, Tensor]:
+        """Positions of the derivatives by rotations: among all, and in the flattened Jacobian.
+
+        The derivatives are axis × coordinate × pair.
+        """
+        joint = torch.tensor(LEVEL_ORDER)[self._pair_joint]
+        first = torch.where(joint == 0, ROTATION.start, ANGLES.start + 3 * (joint - 1))
+        unknown = (first + torch.arange(3)[:, None])[:, None].expand(3, 2, -1)
+        place = torch.full((COUNT,), -1)
+        place[self.free] = torch.arange(len(self.free))
+        column = place[unknown].flatten()
+        row = torch.arange(2)[:, None] * self._count + self._pair_landmark
+        kept = (column >= 0).nonzero()[:, 0]
+        return kept, (row.expand(3, 2, -1).flatten() * len(self.free) + column)[kept]
 
     def __call__(
         self,
@@ -110,22 +120,22 @@ class LandmarkProjection:
 
     def jacobian(
         self, at: Projected, inverse: Float[Tensor, "hand 3 3"]
-    ) -> Float[Tensor, "hand coordinate=42 unknown=61"]:
-        """Derivatives of the pixels by the unknowns: all u, then all v.
+    ) -> Float[Tensor, "hand coordinate=42 unknown"]:
+        """Derivatives of the pixels by the free unknowns: all u, then all v.
 
         Args:
             at: The hands, projected.
             inverse: Inverse camera matrices.
         """
-        hands = len(at.translation)
-        flat = at.pixels.new_zeros(2 * self._count * COUNT, hands)
+        hands, columns = len(at.translation), len(self.free)
+        flat = at.pixels.new_zeros(2 * self._count * columns, hands)
         moved = _cross(at.turned[:, None], at.slopes[:, :, self._pair_landmark].transpose(0, 1))
         by_angle = (moved[:, None] * at.axes[:, :, None, self._pair_joint]).sum(dim=0)
-        flat[self._entries] = by_angle.flatten(0, 2)
-        whole = flat.view(2, self._count, COUNT, hands)
-        whole[:, :, PLACE] = self._by_place(at, inverse)
-        whole[:, :, SHAPE] = self._by_shape(at)
-        return flat.mT.unflatten(1, (2 * self._count, COUNT)).contiguous()
+        flat[self._entries] = by_angle.flatten(0, 2)[self._kept]
+        whole = flat.view(2, self._count, columns, hands)
+        whole[:, :, columns - 13 : columns - 10] = self._by_place(at, inverse)
+        whole[:, :, columns - 10 :] = self._by_shape(at)
+        return flat.mT.unflatten(1, (2 * self._count, columns)).contiguous()
 
     def _by_place(self, at: Projected, inverse: Tensor) -> Float[Tensor, "2 landmark=21 3 hand"]:
         """Derivatives by the projection of the origin and by the log depth."""
@@ -133,7 +143,8 @@ class LandmarkProjection:
         columns = torch.stack(
             [inverse[:, :, 0] * depth, inverse[:, :, 1] * depth, at.translation], dim=-1
         )
-        return (at.slopes[:, :, :, None] * columns.permute(1, 2, 0)[None, :, None]).sum(dim=1)
+        moved = at.slopes[:, :, :, None] * columns.permute(1, 2, 0)[None, :, None]
+        return moved.sum(dim=1)
 
     def _by_shape(self, at: Projected) -> Float[Tensor, "2 landmark=21 direction=10 hand"]:
         """Derivatives by the shape coefficients."""
@@ -142,7 +153,7 @@ class LandmarkProjection:
         # Landmark × (slot × axis) × (coordinate × hand).
         pulled = (at.slopes[:, :, None, :, None] * turn[None]).sum(dim=1)
         pulled = pulled.permute(2, 3, 1, 0, 4).reshape(self._count, self._slots * 3, 2 * hands)
-        found = self._directions_by_landmark @ pulled
+        found: Tensor = self._directions_by_landmark @ pulled
         return found.unflatten(2, (2, hands)).permute(2, 0, 1, 3)
 
 

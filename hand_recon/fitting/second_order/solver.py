@@ -1,18 +1,17 @@
 """Second-order fit of a batch of hands: starts, their selection, and the last steps (Sec. 3.4)."""
 
 from dataclasses import dataclass, replace
-from typing import Final, Self
+from typing import Final, Self, cast
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from hand_recon.fitting.objective import Objective
+from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import (
-    FIRST_DAMPING,
     Limits,
     Reached,
     minimize,
@@ -23,7 +22,6 @@ from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.fitting.start import Start
 from hand_recon.knowledge.terms import NonPenetrationTerm
-from hand_recon.schema import HandParameters
 
 ROUNDS: Final = ((8, 3), (4, 4), (2, 6), (1, 10))
 """Starts per hand that are kept, and steps that each of them then takes, with centred angles."""
@@ -42,7 +40,9 @@ class SecondOrder:
     objective: Objective
     """The loss, with its data term in the last stage."""
     projection: LandmarkProjection
-    """Landmarks with derivatives."""
+    """Landmarks with derivatives by all unknowns."""
+    free: LandmarkProjection
+    """Landmarks with derivatives by the unknowns that the ranges do not fix."""
     fingers: FingerPoses
     """Start poses of the fingers."""
 
@@ -54,12 +54,18 @@ class SecondOrder:
             objective: The loss, with its data term in the last stage.
         """
         hand = objective.hand
-        return cls(objective, LandmarkProjection(hand), FingerPoses(hand.landmarks_only()))
+        free = PriorTerms(objective.prior).free()
+        return cls(
+            objective,
+            LandmarkProjection(hand),
+            LandmarkProjection(hand, free),
+            FingerPoses(hand.landmarks_only()),
+        )
 
     @torch.no_grad()
     def __call__(
         self, observation: Observation, palms: Start | None, further: Start | None
-    ) -> HandParameters:
+    ) -> Fitted:
         """Fit every hand of a batch.
 
         Args:
@@ -68,22 +74,22 @@ class SecondOrder:
             further: Starts that are taken as they are, batch × start.
         """
         prior, data_term = self.objective.prior, self.objective.data_term
-        centred = Problem.of(
-            self.projection, PriorTerms(prior, centred=True), data_term, observation
-        )
+        terms = PriorTerms(prior, centred=True)
+        centred = Problem.of(self.free, terms, data_term, observation)
         best = self._selected(centred, self._starts(centred, palms, further))
-        plain = replace(centred, terms=PriorTerms(prior))
-        found = minimize(plain, best.unknowns, LAST, best.damping)
-        return self._apart(plain, found.unknowns).parameters(plain.inverse)
+        plain = replace(centred, projection=self.projection, terms=PriorTerms(prior))
+        unknowns = minimize(plain, Reached.at(plain, best.unknowns, best.damping), LAST).unknowns
+        found = self.objective(unknowns.parameters(plain.inverse), observation)
+        return self._apart(plain, unknowns, found)
 
     def _starts(self, problem: Problem, palms: Start | None, further: Start | None) -> Unknowns:
         """All starts, those of each hand behind each other."""
-        found = []
+        found: list[Unknowns] = []
         if palms is not None:
             several = problem[_rows(len(problem.target), palms.translation.shape[1])]
             seen = Seen.of(several.observation)
             placed = Unknowns.of_start(palms.flat(), seen.intrinsics)
-            found += [self.fingers.nearest(placed, seen, second=second) for second in (False, True)]
+            found += self.fingers.nearest(placed, seen)
         if further is not None:
             several = problem[_rows(len(problem.target), further.translation.shape[1])]
             found.append(Unknowns.of_start(further.flat(), several.observation.intrinsics))
@@ -93,28 +99,27 @@ class SecondOrder:
         """The best start of each hand after the rounds."""
         hands = len(problem.target)
         rows = _rows(hands, len(start) // max(hands, 1))
-        value = problem[rows](start).value
-        here = Reached(start, value, torch.full_like(value, FIRST_DAMPING))
+        here = Reached.at(problem[rows], start)
         for count, iterations in ROUNDS:
-            kept = _least(here.value, hands, count)
+            kept = _least(here.model.value, hands, count)
             here, rows = here[kept], rows[kept]
-            here = minimize(problem[rows], here.unknowns, Limits(iterations), here.damping)
-        return here
+            here = minimize(problem[rows], here, Limits(iterations))
+        return here[_least(here.model.value, hands, 1)]
 
-    def _apart(self, problem: Problem, found: Unknowns) -> Unknowns:
+    def _apart(self, problem: Problem, unknowns: Unknowns, found: Fitted) -> Fitted:
         """Move parts of hands out of each other, if the prior has a term for that."""
-        objective = self.objective
-        terms = [
-            term for term in objective.prior.terms.values() if isinstance(term, NonPenetrationTerm)
-        ]
-        if not terms or not objective.with_non_penetration:
+        terms = self.objective.prior.terms
+        names = [name for name, term in terms.items() if isinstance(term, NonPenetrationTerm)]
+        if not names or names[0] not in found.loss:
             return found
-        vertices = objective.hand(found.joint_angles, found.shape).vertices
-        hit = (terms[0](found.parameters(problem.inverse), vertices) > 0).nonzero()[:, 0]
+        hit = (found.loss[names[0]] > 0).nonzero()[:, 0]
         if not len(hit):
             return found
-        whole = WholeProblem(problem[hit], PenetrationTerm(objective.hand, terms[0]))
-        return found.put(hit, minimize(whole, found[hit], APART).unknowns)
+        term = PenetrationTerm(self.objective.hand, cast("NonPenetrationTerm", terms[names[0]]))
+        whole = WholeProblem(problem[hit], term)
+        freed = minimize(whole, Reached.at(whole, unknowns[hit]), APART).unknowns
+        some = problem[hit]
+        return found.put(hit, self.objective(freed.parameters(some.inverse), some.observation))
 
 
 def _rows(hands: int, count: int) -> Int[Tensor, " start"]:
