@@ -78,7 +78,7 @@ class SecondOrder:
         centred = Problem.of(self.free, terms, data_term, observation)
         best = self._selected(centred, self._starts(centred, palms, further))
         plain = replace(centred, projection=self.projection, terms=PriorTerms(prior))
-        unknowns = minimize(plain, Reached.at(plain, best.unknowns, best.damping), LAST).unknowns
+        unknowns = minimize(plain, Reached.at(plain, best.unknowns), LAST).unknowns
         found = self.objective(unknowns.parameters(plain.inverse), observation)
         return self._apart(plain, unknowns, found)
 
