@@ -41,6 +41,23 @@ class Model:
             hinge=hinge,
         )
 
+    def joined(self, other: Self) -> Self:
+        """These models, then other ones.
+
+        Args:
+            other: Models of the same kind of problem.
+        """
+        hinge = self.hinge
+        if hinge is not None and other.hinge is not None:
+            hinge = hinge.joined(other.hinge)
+        return replace(
+            self,
+            value=torch.cat([self.value, other.value]),
+            gradient=torch.cat([self.gradient, other.gradient]),
+            curvature=torch.cat([self.curvature, other.curvature]),
+            hinge=hinge,
+        )
+
     def put(self, hands: Tensor, some: Self) -> Self:
         """These models with those of some hands replaced.
 

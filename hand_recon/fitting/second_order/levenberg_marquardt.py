@@ -68,6 +68,18 @@ class Reached:
         """The results of some of the hands."""
         return type(self)(self.unknowns[hands], self.model[hands], self.damping[hands])
 
+    def joined(self, other: Self) -> Self:
+        """These results, then other ones.
+
+        Args:
+            other: Results of the same kind of problem.
+        """
+        return type(self)(
+            self.unknowns.joined(other.unknowns),
+            self.model.joined(other.model),
+            torch.cat([self.damping, other.damping]),
+        )
+
     def put(self, hands: Tensor, some: Self) -> Self:
         """These results with those of some hands replaced.
 

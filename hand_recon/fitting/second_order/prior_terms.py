@@ -81,6 +81,19 @@ class RangeHinge:
             self, angles=self.angles[hands], lower=self.lower[hands], upper=self.upper[hands]
         )
 
+    def joined(self, other: Self) -> Self:
+        """These hinges, then other ones.
+
+        Args:
+            other: Hinges of the same ranges.
+        """
+        return replace(
+            self,
+            angles=torch.cat([self.angles, other.angles]),
+            lower=torch.cat([self.lower, other.lower]),
+            upper=torch.cat([self.upper, other.upper]),
+        )
+
     def put(self, hands: Tensor, some: Self) -> Self:
         """These hinges with those of some hands replaced.
 

@@ -135,7 +135,8 @@ class LandmarkProjection:
         whole = flat.view(2, self._count, columns, hands)
         whole[:, :, columns - 13 : columns - 10] = self._by_place(at, inverse)
         whole[:, :, columns - 10 :] = self._by_shape(at)
-        return flat.mT.unflatten(1, (2 * self._count, columns)).contiguous()
+        rows = flat.mT.contiguous()
+        return rows.unflatten(1, (2 * self._count, columns))
 
     def _by_place(self, at: Projected, inverse: Tensor) -> Float[Tensor, "2 landmark=21 3 hand"]:
         """Derivatives by the projection of the origin and by the log depth."""
@@ -143,8 +144,7 @@ class LandmarkProjection:
         columns = torch.stack(
             [inverse[:, :, 0] * depth, inverse[:, :, 1] * depth, at.translation], dim=-1
         )
-        moved = at.slopes[:, :, :, None] * columns.permute(1, 2, 0)[None, :, None]
-        return moved.sum(dim=1)
+        return torch.einsum("cxmh,hxk->cmkh", at.slopes, columns)
 
     def _by_shape(self, at: Projected) -> Float[Tensor, "2 landmark=21 direction=10 hand"]:
         """Derivatives by the shape coefficients."""
@@ -153,8 +153,8 @@ class LandmarkProjection:
         # Landmark × (slot × axis) × (coordinate × hand).
         pulled = (at.slopes[:, :, None, :, None] * turn[None]).sum(dim=1)
         pulled = pulled.permute(2, 3, 1, 0, 4).reshape(self._count, self._slots * 3, 2 * hands)
-        found: Tensor = self._directions_by_landmark @ pulled
-        return found.unflatten(2, (2, hands)).permute(2, 0, 1, 3)
+        found = torch.matmul(self._directions_by_landmark, pulled)
+        return found.view(len(found), -1, 2, hands).permute(2, 0, 1, 3)
 
 
 def _projected(

@@ -23,13 +23,26 @@ from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.fitting.start import Start
 from hand_recon.knowledge.terms import NonPenetrationTerm
 
-ROUNDS: Final = ((8, 3), (4, 4), (2, 6), (1, 10))
-"""Starts per hand that are kept, and steps that each of them then takes, with centred angles."""
 
-LAST: Final = Limits(iterations=15, tolerance=1e-5)
+@dataclass(frozen=True)
+class Round:
+    """Some steps of the best starts of each hand."""
+
+    starts: int
+    """Starts per hand that are kept for it."""
+    steps: int
+    """Steps of each of them."""
+    look_up: bool = False
+    """Whether two more starts follow from looking the fingers up with the best start's palm."""
+
+
+ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4), Round(2, 6))
+"""Selection of the start, with centred angles."""
+
+LAST: Final = Limits(iterations=25, tolerance=1e-5)
 """Steps of the best start on the loss itself."""
 
-APART: Final = Limits(iterations=10, tolerance=1e-3, largest_angle=0.2)
+APART: Final = Limits(iterations=8, tolerance=1e-3, largest_angle=0.2)
 """Steps of hands that penetrate themselves, with the non-penetration term."""
 
 
@@ -84,27 +97,39 @@ class SecondOrder:
 
     def _starts(self, problem: Problem, palms: Start | None, further: Start | None) -> Unknowns:
         """All starts, those of each hand behind each other."""
+        hands = len(problem.target)
         found: list[Unknowns] = []
         if palms is not None:
-            several = problem[_rows(len(problem.target), palms.translation.shape[1])]
+            several = problem[_rows(hands, hands * palms.translation.shape[1])]
             seen = Seen.of(several.observation)
             placed = Unknowns.of_start(palms.flat(), seen.intrinsics)
             found += self.fingers.nearest(placed, seen)
         if further is not None:
-            several = problem[_rows(len(problem.target), further.translation.shape[1])]
+            several = problem[_rows(hands, hands * further.translation.shape[1])]
             found.append(Unknowns.of_start(further.flat(), several.observation.intrinsics))
-        return Unknowns.beside(found, len(problem.target))
+        return Unknowns.beside(found, hands)
 
     def _selected(self, problem: Problem, start: Unknowns) -> Reached:
         """The best start of each hand after the rounds."""
         hands = len(problem.target)
-        rows = _rows(hands, len(start) // max(hands, 1))
-        here = Reached.at(problem[rows], start)
-        for count, iterations in ROUNDS:
-            kept = _least(here.model.value, hands, count)
-            here, rows = here[kept], rows[kept]
-            here = minimize(problem[rows], here, Limits(iterations))
+        here = Reached.at(problem[_rows(hands, len(start))], start)
+        for of_round in ROUNDS:
+            here = here[_least(here.model.value, hands, of_round.starts)]
+            rows = _rows(hands, len(here.damping))
+            here = minimize(problem[rows], here, Limits(of_round.steps))
+            if of_round.look_up:
+                here = self._looked_up(problem, here)
         return here[_least(here.model.value, hands, 1)]
+
+    def _looked_up(self, problem: Problem, here: Reached) -> Reached:
+        """Two more starts per hand: its best one with fingers that are looked up for its palm."""
+        hands = len(problem.target)
+        best = here.unknowns[_least(here.model.value, hands, 1)]
+        more = Unknowns.beside(self.fingers.nearest(best, Seen.of(problem.observation)), hands)
+        found = Reached.at(problem[_rows(hands, len(more))], more)
+        both = here.joined(found)
+        order = torch.cat([_rows(hands, len(here.damping)), _rows(hands, len(more))])
+        return both[order.argsort(stable=True)]
 
     def _apart(self, problem: Problem, unknowns: Unknowns, found: Fitted) -> Fitted:
         """Move parts of hands out of each other, if the prior has a term for that."""
@@ -122,9 +147,9 @@ class SecondOrder:
         return found.put(hit, self.objective(freed.parameters(some.inverse), some.observation))
 
 
-def _rows(hands: int, count: int) -> Int[Tensor, " start"]:
-    """Index of the hand of each start."""
-    return torch.arange(hands).repeat_interleave(count)
+def _rows(hands: int, starts: int) -> Int[Tensor, " start"]:
+    """Index of the hand of each start, where every hand has the same number of starts."""
+    return torch.arange(hands).repeat_interleave(starts // max(hands, 1))
 
 
 def _least(value: Float[Tensor, " start"], hands: int, count: int) -> Int[Tensor, " kept"]:

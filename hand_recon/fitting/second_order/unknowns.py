@@ -84,6 +84,19 @@ class Unknowns:
             self.shape[hands],
         )
 
+    def joined(self, other: Self) -> Self:
+        """These unknowns, then other ones.
+
+        Args:
+            other: The others.
+        """
+        return type(self)(
+            torch.cat([self.joint_angles, other.joint_angles]),
+            torch.cat([self.root_rotation, other.root_rotation]),
+            torch.cat([self.place, other.place]),
+            torch.cat([self.shape, other.shape]),
+        )
+
     def moved(self, step: Float[Tensor, "hand unknown=61"]) -> Self:
         """The unknowns after a step; depths stay above `SHALLOWEST`."""
         place = self.place + step[:, PLACE]
