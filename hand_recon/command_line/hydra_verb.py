@@ -9,8 +9,10 @@ from typing import Any, Final
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import InstantiationException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
@@ -19,6 +21,9 @@ from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
 
+_USER_ERRORS: Final = (
+    ValueError, OSError, ModuleNotFoundError, MissingMandatoryValue, InstantiationException,
+)  # fmt: skip
 _WHERE: Final = "(HYDRA_FULL_ERROR=1 in the environment shows the place in the code.)"
 
 
@@ -55,7 +60,7 @@ def run_verb(
         )
         _check_nested(config_name, overrides)
     except UsageError as error:
-        sys.stderr.write(f"{error}\nSee `hand-recon {name} --help`.\n")
+        sys.stderr.write(f"error: {error}\nSee `hand-recon {name} --help`.\n")
         raise SystemExit(2) from error
     if not {"--help", "-h"}.isdisjoint(overrides):
         sys.stdout.write(f"{description.strip()}\n\n")
@@ -67,6 +72,14 @@ def run_verb(
     sys.argv = [f"hand-recon {name}", *preset, *overrides]
     try:
         hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
+    except BrokenPipeError as error:
+        # Whoever read the output, such as `head`, has enough of it; Python would complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(141) from error
+    except OSError as error:
+        # Hydra makes the folder of the results.
+        sys.stderr.write(f"error: {error}. Name another folder for the results.\n")
+        raise SystemExit(1) from error
     except KeyboardInterrupt as error:
         sys.stderr.write("Interrupted. What was finished until then is kept.\n")
         raise SystemExit(130) from error
@@ -81,14 +94,24 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
         register_resolvers()
         try:
             return getattr(importlib.import_module(module), function)(config)
-        except (ValueError, OSError, ModuleNotFoundError) as error:
+        except BrokenPipeError:
+            raise
+        except _USER_ERRORS as error:
             # In a sweep Hydra says which run failed.
             if HydraConfig.get().mode == RunMode.MULTIRUN or _wants_traceback(error):
                 raise
-            sys.stderr.write(f"error: {error}\n{_WHERE}\n")
+            sys.stderr.write(f"error: {_reason(error)}\n{_WHERE}\n")
             raise SystemExit(1) from error
 
     return task
+
+
+def _reason(error: Exception) -> str:
+    """Message of an error; for one that Hydra wraps, such as of a detector's file, the message inside."""
+    if isinstance(error, MissingMandatoryValue):
+        return f"{str(error).splitlines()[0]}. Give it as <name>=<value>."
+    cause = error.__cause__
+    return str(cause) if isinstance(error, InstantiationException) and cause else str(error)
 
 
 def _wants_traceback(error: Exception) -> bool:

@@ -22,7 +22,7 @@ def register_resolvers() -> None:
         "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
     )
     OmegaConf.register_new_resolver(
-        "either", lambda first, second: second if first is None else first, replace=True
+        "either", lambda first, second: second if first in (None, "") else first, replace=True
     )
     # Used by conf/predict.yaml: results on standard output need no folder.
     OmegaConf.register_new_resolver(

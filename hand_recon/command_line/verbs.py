@@ -55,7 +55,11 @@ VERBS: Final = {
         Verb(
             "predict", HANDS, "photographs in, 3D hands out; no training",
             "hand_recon.runs.predict_run:predict", (),
-            ("output", "camera", "detector.landmarks", "detector.boxes", "detector.models", "lifter", "hand.path"), "input",
+            (
+                "output", "camera", "detector.landmarks", "detector.boxes", "detector.models", "lifter",
+                "hand.path",
+            ),
+            "input",
         ),
         Verb(
             "fit", HANDS, "2D landmarks of any detector in, 3D hands out; no training",

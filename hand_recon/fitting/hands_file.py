@@ -27,6 +27,7 @@ Numbers are rounded to `DECIMALS`.
 
 import json
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -128,16 +129,16 @@ def writing_hands(
 
     Args:
         path: The file.
-        done: Objects of hands of an interrupted run, which the list begins with; the unfinished file is
-            written anew then.
+        done: Objects of hands of an interrupted run, which the list begins with.
 
     Raises:
         FileExistsError: An unfinished file of this name exists.
         ValueError: A number that must be finite is not.
     """
     unfinished = path.with_name(f"{path.name}.part")
-    earlier = None if done is None else list(done)
-    with unfinished.open("x" if earlier is None else "w", encoding="utf-8") as stream:
+    # What an interrupted run wrote is replaced only by a file that holds all of it.
+    beginning = unfinished if done is None else path.with_name(f"{path.name}.part.new")
+    with beginning.open("x" if done is None else "w", encoding="utf-8") as stream:
         separator = "[\n"
 
         def write_entry(entry: dict[str, Any]) -> None:
@@ -151,13 +152,23 @@ def writing_hands(
                 write_entry(entry)
             stream.flush()
 
+        for entry in done or ():
+            write_entry(entry)
+        if done is not None:
+            stream.flush()
+            os.fsync(stream.fileno())
+            os.replace(beginning, unfinished)
         try:
-            for entry in earlier or ():
-                write_entry(entry)
             yield write
         finally:
             stream.write("\n]\n" if separator.startswith(",") else "[]\n")
     unfinished.rename(path)
+
+
+def entries_so_far(path: Path) -> list[dict[str, Any]]:
+    """Read the objects that an interrupted run wrote to a file of hands, with or without `.part`."""
+    unfinished = path.with_name(f"{path.name}.part")
+    return list(finished_entries(unfinished if unfinished.exists() else path))
 
 
 def finished_entries(path: Path) -> Iterator[dict[str, Any]]:

@@ -8,21 +8,25 @@ import logging
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import cv2
 import numpy as np
-from jaxtyping import Int
+import torch
+from jaxtyping import Float, Int
 from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 
+from hand_recon.data.images import read_image
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.drawing import save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords
-from hand_recon.fitting.hands_file import writing_hands
+from hand_recon.fitting.hands_file import read_hands, writing_hands
 from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.records_of_fits import to_records
@@ -105,20 +109,19 @@ def write_results(
     """
     folder = Path(folder) if done is not None else claim_results_folder(folder)
     extras = _MeshesAndImages(folder, faces.cpu().numpy(), options or ResultOptions())
-    totals, number = _Totals(), len(done or ())
-    path = folder / "hands.json"
+    number, path = len(done or ()), folder / "hands.json"
     with writing_hands(path, done) as write:
         for part in parts:
-            records = to_records(part)
-            write(records)
+            # First the meshes and images: a hand that is in the file is done.
             for position, fitted in enumerate(part.fitted.tolist()):
                 if fitted:
                     extras.add(part, position, number + position)
             number += len(part)
-            totals.add(part, records)
+            write(to_records(part))
     write_tables(folder, path)
-    extras.finish(number)
-    summary = totals.summary()
+    hands = read_hands(path)
+    extras.finish(hands)
+    summary = summary_of(hands)
     _print_summary(summary, folder)
     return summary
 
@@ -130,8 +133,6 @@ class _MeshesAndImages:
         self, folder: Path, faces: Int[np.ndarray, "face 3"], options: ResultOptions
     ) -> None:
         self.folder, self.faces, self.options = folder, faces, options
-        self.rows: list[np.ndarray] = []
-        self.captions: list[str] = []
 
     def add(self, part: FittedHands, position: int, number: int) -> None:
         """Write the mesh and the image of a hand, as far as the options ask for them.
@@ -148,20 +149,26 @@ class _MeshesAndImages:
             side = "left" if bool(part.observed.left[position]) else "right"
             save_meshes(target, vertices, [side], self.faces)
         if number < self.options.pictures:
-            hand = fitted_image(part, position, number)
-            self.captions.append(hand.caption)
-            self.rows.append(draw_fitted(hand, self.faces, self.options.panel))
-            write_png(self._folder("pictures") / f"{name}.png", self.rows[-1])
+            row = draw_fitted(fitted_image(part, position, number), self.faces, self.options.panel)
+            write_png(self._folder("pictures") / f"{name}.png", row)
 
-    def finish(self, hands: int) -> None:
+    def finish(self, hands: HandRecords) -> None:
         """Write the contact sheet, and log how many meshes and images were left out."""
-        if self.rows:
-            write_png(self.folder / "fits.png", contact_sheet(self.rows, self.captions))
+        rows, captions = [], []
+        for number in np.flatnonzero(hands.fitted[: self.options.pictures]).tolist():
+            name = hands.names[number]
+            picture = read_image(self.folder / "pictures" / f"{file_name(name, number)}.png")
+            if picture is not None:
+                rows.append(picture)
+                residual = hands.residual[number]
+                captions.append(f"{number}: {name}, {hands.sides[number]}, {residual:.1f} px")
+        if rows:
+            write_png(self.folder / "fits.png", contact_sheet(rows, captions))
         for what, most in (("meshes", self.options.meshes), ("pictures", self.options.pictures)):
-            if hands > most > 0:
+            if len(hands) > most > 0:
                 logger.info(
                     "%s: %s of the first %d hands only, %d are left out; raise %s for more.",
-                    self.folder, what, most, hands - most, what,
+                    self.folder, what, most, len(hands) - most, what,
                 )  # fmt: skip
 
     def _folder(self, name: str) -> Path:
@@ -183,48 +190,52 @@ def write_png(path: Path, image: np.ndarray) -> None:
     path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
-@dataclass
-class _Totals:
-    """Counts and sums over the parts."""
+def summary_of(hands: HandRecords) -> dict[str, float]:
+    """Counts of hands, and means over the landmarks and the fitted hands if there are any.
 
-    hands: int = 0
-    fitted: int = 0
-    doubtful: int = 0
-    left: int = 0
-    landmarks: int = 0
-    pixels: float = 0.0
-    crop_pixels: float = 0.0
-    loss: dict[str, float] = field(default_factory=dict)
+    Args:
+        hands: All hands of a fit.
+    """
+    fitted = hands.fitted
+    counts: dict[str, float] = {
+        "hands": len(hands),
+        "fitted": int(fitted.sum()),
+        "doubtful": hands.verdicts.count("doubtful"),
+        "left": hands.sides.count("left"),
+    }
+    distance = np.linalg.norm(hands.landmarks_2d - hands.observed_2d, axis=-1)
+    known = np.isfinite(distance)
+    if not known.any():
+        return counts
+    scale = _pixels_of_crop(hands.observed_2d[fitted])
+    return counts | {
+        "landmarks": int(known.sum()),
+        "residual": float(distance[known].mean()),
+        "residual_224": float((distance[fitted] * scale[:, None])[known[fitted]].mean()),
+        **{
+            f"loss/{term}": float(np.nan_to_num(values[fitted]).mean())
+            for term, values in hands.loss.items()
+        },
+    }
 
-    def add(self, part: FittedHands, records: HandRecords) -> None:
-        """Add a part, which the records are of."""
-        distance, fitted = part.distance, part.fitted
-        self.hands += len(part)
-        self.fitted += int(fitted.sum())
-        self.doubtful += records.verdicts.count("doubtful")
-        self.left += int(part.observed.left.sum())
-        self.landmarks += int(distance.isfinite().sum())
-        self.pixels += float(distance.nansum())
-        self.crop_pixels += float((distance * part.scale[:, None]).nansum())
-        for name, value in part.loss.items():
-            self.loss[name] = self.loss.get(name, 0.0) + float(value[fitted].double().sum())
 
-    def summary(self) -> dict[str, float]:
-        """Counts, and means if there is at least one landmark."""
-        counts: dict[str, float] = {
-            "hands": self.hands,
-            "fitted": self.fitted,
-            "doubtful": self.doubtful,
-            "left": self.left,
-        }
-        if not self.landmarks:
-            return counts
-        return counts | {
-            "landmarks": self.landmarks,
-            "residual": self.pixels / self.landmarks,
-            "residual_224": self.crop_pixels / self.landmarks,
-            **{f"loss/{name}": total / self.fitted for name, total in self.loss.items()},
-        }
+def _pixels_of_crop(
+    observed: Float[np.ndarray, "hand landmark=21 2"],
+) -> Float[np.ndarray, " hand"]:
+    """Pixels of the 224-pixel crop about each hand per pixel of its image."""
+    points = torch.from_numpy(observed)
+    crops = to_crops(
+        ImageLandmarks(
+            points,
+            points.isfinite().all(dim=-1),
+            torch.zeros(len(points), dtype=torch.bool),
+            ("",) * len(points),
+        )
+    )
+    scale: Float[np.ndarray, " hand"] = (
+        torch.linalg.det(crops.matrices[:, :2, :2]).abs().sqrt().numpy()
+    )
+    return scale
 
 
 _MEANINGS: Final = {

@@ -10,12 +10,13 @@ from typing import Any, Final
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from hand_recon import __version__
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.fitting.descent import Descent, Fitted, Objective
+from hand_recon.fitting.descent import Fitted, Objective, with_possible_solver
 from hand_recon.fitting.descent import fit as descend
-from hand_recon.fitting.hands_file import finished_entries
+from hand_recon.fitting.hands_file import entries_so_far
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
 from hand_recon.fitting.observation import observed
 from hand_recon.fitting.origin import Origin
@@ -28,7 +29,12 @@ from hand_recon.runs.configuration import (
     instantiate,
     plain,
 )
-from hand_recon.runs.unfinished import claim_or_resume, file_state, finish
+from hand_recon.runs.unfinished import (
+    claim_or_resume,
+    file_state,
+    finish,
+    states_of_files,
+)
 from hand_recon.schema import HandBatch
 
 logger = logging.getLogger(__name__)
@@ -59,7 +65,10 @@ def fit(config: DictConfig) -> dict[str, Any]:
     settings = {
         "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
         "landmarks": _states(config.landmarks),
+        "files": states_of_files(config, ("intrinsics", "lifter", "hand.path")),
+        "version": __version__,
     }
+    options = instantiate(config.results)
     goes_on = claim_or_resume(folder, (*PRODUCTS, "config.yaml"), settings)
     landmarks = read_landmarks(
         config.landmarks,
@@ -73,17 +82,17 @@ def fit(config: DictConfig) -> dict[str, Any]:
         ),
         None if config.image_size is None else (config.image_size[0], config.image_size[1]),
     )
-    done = list(finished_entries(folder / "hands.json.part"))[: len(landmarks)] if goes_on else []
+    done = entries_so_far(folder / "hands.json")[: len(landmarks)] if goes_on else None
     if done:
         logger.info("%d of %d hands are there already.", len(done), len(landmarks))
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     hand = build_hand(config)
     logger.info("Fitting with %d thread(s) into %s", threads, folder)
-    rest = landmarks.select(slice(len(done), None))
+    rest = landmarks.select(slice(len(done or ()), None))
     parts = fit_in_parts(
         rest, build_fitter(config, hand), origins=file_origins(rest, source_of(config, hand))
     )
-    summary = write_results(folder, parts, hand.faces, instantiate(config.results), done=done)
+    summary = write_results(folder, parts, hand.faces, options, done=done or [])
     finish(folder)
     check_outcome(summary, strict=config.strict)
     return summary
@@ -200,7 +209,7 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
             "term needs. Use data_term=mse, mse_then_nll, laplace or mse_rescaled."
         )
     objective = Objective(hand, build_prior(config.prior, hand), data_term)
-    descent: Descent = instantiate(config.descent)
+    descent = with_possible_solver(instantiate(config.descent), objective)
     further = None
     if config.lifter is not None:
         # Checkpoints need Lightning, which takes seconds to import.

@@ -1,14 +1,16 @@
 """Results of `predict`: hands, tables, overlays of photographs, meshes, and a page that shows all of them."""
 
 import csv
+import json
 import logging
+import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -16,11 +18,12 @@ from jaxtyping import Int
 from rich.console import Console
 from rich.table import Table
 
+from hand_recon.data.photos.formats import PhotoError
 from hand_recon.data.photos.photo import read_photo
 from hand_recon.fitting.drawing import drawn_hand, save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords
-from hand_recon.fitting.hands_file import finished_entries, read_hands, writing_hands
+from hand_recon.fitting.hands_file import entries_so_far, read_hands, writing_hands
 from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.fitting.results import MESH_FORMATS, file_name
@@ -31,7 +34,7 @@ from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
 logger = logging.getLogger(__name__)
 
 PHOTO_PRODUCTS: Final = (
-    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "images.csv.part",
+    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "progress.jsonl",
     "overlays", "meshes", "index.html", "pictures", "fits.png", "metrics.json", "checkpoints",
 )  # fmt: skip
 """Files and folders of `predict`; a folder that holds one of them is not written to."""
@@ -83,27 +86,24 @@ class PhotoResults:
         Args:
             goes_on: True to keep the photographs that an interrupted run finished.
         """
-        hands, images = self.folder / "hands.json", self.folder / "images.csv"
-        unfinished = images.with_name("images.csv.part")
-        self.rows = list(_rows_so_far(images, unfinished)) if goes_on else []
+        hands, progress = self.folder / "hands.json", self.folder / "progress.jsonl"
+        kept: list[dict[str, Any]] = []
+        self.rows = []
+        if goes_on:
+            self.rows, kept = _consistent(read_progress(progress), entries_so_far(hands))
         done = [row["image"] for row in self.rows]
-        kept = [entry for entry in _hands_so_far(hands) if entry["image"] in set(done)]
         if done:
             logger.info("%d images are done already.", len(done))
         with (
-            writing_hands(hands, kept if goes_on else None) as self.write,
-            unfinished.open("w", encoding="utf-8", newline="") as stream,
+            writing_hands(hands, kept) as self.write,
+            _appending(progress, self.rows) as self.record,
         ):
-            self.stream: TextIO = stream
-            self.table = csv.DictWriter(stream, COLUMNS)
-            self.table.writeheader()
-            self.table.writerows(self.rows)
-            stream.flush()
             yield done
-        unfinished.rename(images)
+        _write_table(self.folder / "images.csv", self.rows)
         write_tables(self.folder, hands)
         if self.options.overlays:
             self._gallery(read_hands(hands))
+        progress.unlink()
         self._report()
 
     def add(self, batch: Sequence[LookedAt], part: FittedHands | None) -> None:
@@ -141,8 +141,7 @@ class PhotoResults:
                 "draw_ms": round(1000 * (time.perf_counter() - start), 1),
             }
             self.rows.append(row)
-            self.table.writerow(row)
-        self.stream.flush()
+            self.record(row)
 
     def _draw(self, one: LookedAt, rows: range, part: FittedHands, records: HandRecords) -> str:
         """Write the overlay and the mesh of a photograph; the overlay's name, or nothing."""
@@ -161,7 +160,12 @@ class PhotoResults:
             return ""
         vertices = part.prediction.vertices.numpy()
         drawn = [drawn_hand(records, vertices, hand, str(hand - rows.start + 1)) for hand in fitted]
-        image = draw_hands(read_photo(one.path).pixels, drawn, self.faces, STYLE)
+        try:
+            pixels = read_photo(one.path).pixels
+        except PhotoError as error:
+            logger.warning("%s is not drawn: it could be read before, and now: %s", one.name, error)
+            return ""
+        image = draw_hands(pixels, drawn, self.faces, STYLE)
         write_jpeg(_made(self.folder / "overlays") / f"{name}.jpg", image)
         return f"overlays/{name}.jpg"
 
@@ -239,20 +243,56 @@ def _made(folder: Path) -> Path:
     return folder
 
 
-def _hands_so_far(path: Path) -> Iterator[dict[str, Any]]:
-    """Objects of the hands that an interrupted run wrote, also if only tables and pages were missing."""
-    unfinished = path.with_name(f"{path.name}.part")
-    return finished_entries(unfinished if unfinished.exists() else path)
+@contextmanager
+def _appending(
+    path: Path, rows: Sequence[dict[str, Any]]
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """Write rows as JSON, one to a line and each at once; yields the function that appends a row.
+
+    Args:
+        path: The file; it is replaced only by a file that holds all of the rows.
+        rows: Rows that it begins with.
+    """
+    beginning = path.with_name(f"{path.name}.new")
+    with beginning.open("w", encoding="utf-8") as stream:
+
+        def append(row: dict[str, Any]) -> None:
+            stream.write(json.dumps(row) + "\n")
+            stream.flush()
+
+        for row in rows:
+            append(row)
+        os.fsync(stream.fileno())
+        os.replace(beginning, path)
+        yield append
 
 
-def _rows_so_far(path: Path, unfinished: Path) -> list[dict[str, str]]:
-    return read_images_table(unfinished if unfinished.exists() else path)
-
-
-def read_images_table(path: Path) -> list[dict[str, str]]:
-    """Rows of an `images.csv`, also of an unfinished one, whose last row may be cut off."""
+def read_progress(path: Path) -> list[dict[str, Any]]:
+    """Rows of a file of progress whose lines are whole, as far as they go."""
     if not path.is_file():
         return []
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    return [row for row in csv.DictReader(whole.splitlines()) if None not in row.values()]
+    rows = []
+    for line in path.read_text(encoding="utf-8").split("\n")[:-1]:
+        try:
+            row = json.loads(line)
+        except ValueError:
+            break
+        rows.append(row)
+    return rows
+
+
+def _consistent(
+    rows: list[dict[str, Any]], entries: list[dict[str, Any]]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The rows of images all of whose hands are there, and these hands."""
+    hands = Counter(entry["image"] for entry in entries)
+    done = [row for row in rows if hands[row["image"]] == row["hands"]]
+    names = {row["image"] for row in done}
+    return done, [entry for entry in entries if entry["image"] in names]
+
+
+def _write_table(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, COLUMNS)
+        table.writeheader()
+        table.writerows(rows)

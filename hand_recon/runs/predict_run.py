@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -11,6 +12,7 @@ from typing import Any, Final
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon import __version__
 from hand_recon.data.photos.listing import photo_files
 from hand_recon.data.progress import with_progress
 from hand_recon.fitting.fitted_hands import FittedHands
@@ -28,13 +30,20 @@ from hand_recon.runs.looking import (
     to_landmarks,
 )
 from hand_recon.runs.photo_results import PHOTO_PRODUCTS, PhotoResults
-from hand_recon.runs.unfinished import claim_or_resume, file_state, finish
+from hand_recon.runs.unfinished import (
+    MARK,
+    claim_or_resume,
+    file_state,
+    finish,
+    states_of_files,
+)
 
 logger = logging.getLogger(__name__)
 
 PHOTOS_AT_ONCE: Final = 32
 """Most photographs whose hands are fitted in one batch."""
 
+_FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path")
 _NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "name"})
 
 
@@ -53,10 +62,11 @@ def predict(config: DictConfig) -> dict[str, Any]:
     """
     configure_process(config.threads)
     config = adapted_to_data(config)
-    files = photo_files(_inputs(config.input))
+    inputs = _inputs(config)
+    files = _without_results(photo_files(inputs), config.output)
     if not files:
         raise ValueError(
-            f"No image in {', '.join(_inputs(config.input))}; expected photographs, or folders of them."
+            f"No image in {', '.join(inputs)}; expected photographs, or folders of them."
         )
     if config.json not in (None, "-"):
         raise ValueError(
@@ -72,15 +82,44 @@ def predict(config: DictConfig) -> dict[str, Any]:
     return summary
 
 
-def _inputs(given: object) -> list[str]:
-    return [given] if isinstance(given, str) else [str(one) for one in given]  # type: ignore[attr-defined]
+def _inputs(config: DictConfig) -> list[str]:
+    given = None if OmegaConf.is_missing(config, "input") else config.input
+    names = [given] if isinstance(given, str) else [str(one) for one in given or ()]
+    if not names or not all(names):
+        raise ValueError(
+            "No image is named. Give photographs or folders of them: hand-recon predict photo.jpg my_photos."
+        )
+    return names
+
+
+def _without_results(files: Sequence[Path], output: str | None) -> list[Path]:
+    """Leave out what this program drew: files in the output folder, and in `overlays` of results."""
+    own = None if not output else Path(output).expanduser().absolute()
+
+    def is_result(file: Path) -> bool:
+        folders = file.absolute().parents
+        drawn = any(
+            folder.name == "overlays"
+            and any((folder.parent / name).exists() for name in ("hands.json", MARK))
+            for folder in folders
+        )
+        return drawn or own in folders
+
+    kept = [file for file in files if not is_result(file)]
+    if len(kept) < len(files):
+        logger.info("%d images are results of this program and left out.", len(files) - len(kept))
+    return kept
 
 
 class _Stages:
     """The detector and the fit of a command, and the photographs that they are run on."""
 
     def __init__(self, config: DictConfig, files: Sequence[Path]) -> None:
-        self.files, self.names = list(files), photo_names(files)
+        self.files = list(files)
+        # Names that are not UTF-8 could not be written.
+        self.names = [
+            os.fsencode(name).decode("utf-8", "backslashreplace") for name in photo_names(files)
+        ]
         self.camera = parse_camera(str(config.camera), len(files))
         self.detector = build_detector(config)
         self.hand = build_hand(config)
@@ -143,11 +182,14 @@ def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
     settings = {
         "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
         "images": [file_state(path) for path in stages.files],
+        "files": states_of_files(config, _FILES),
+        "version": __version__,
     }
+    options = instantiate(config.results)
     goes_on = claim_or_resume(folder, (*PHOTO_PRODUCTS, "config.yaml"), settings)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     logger.info("Reconstructing the hands of %d images into %s", len(stages.files), folder)
-    results = PhotoResults(folder, stages.hand.faces.numpy(), instantiate(config.results))
+    results = PhotoResults(folder, stages.hand.faces.numpy(), options)
     with results.writing(goes_on=goes_on) as done:
         for batch, part in stages.fitted(frozenset(done)):
             results.add(batch, part)

@@ -7,6 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from omegaconf import DictConfig, OmegaConf
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 logger = logging.getLogger(__name__)
 
 MARK: Final = "unfinished.json"
@@ -28,10 +35,15 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
         FileExistsError: The folder holds complete results, or unfinished ones of other settings.
     """
     folder = Path(path).expanduser().absolute()
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    _lock(folder)
+    if made:
+        _write(folder / MARK, settings)
+        return False
     taken = [name for name in products if (folder / name).exists()]
     mark = folder / MARK
     if not taken and not mark.exists():
-        folder.mkdir(parents=True, exist_ok=True)
         _write(mark, settings)
         return False
     if not mark.exists():
@@ -45,8 +57,9 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
     )
     if changed:
         raise FileExistsError(
-            f"{folder} holds unfinished results of a command with other {', '.join(changed)}, and nothing is "
-            "overwritten. Repeat that command to complete them, or name another folder with output=…."
+            f"{folder} holds unfinished results of a command with other {', '.join(changed)}, and "
+            "nothing is overwritten. Files are other ones when they were changed. Repeat that command to "
+            "complete the results, or name another folder with output=…."
         )
     logger.info("%s holds unfinished results of this command, which goes on there.", folder)
     return True
@@ -54,12 +67,64 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
 
 def finish(folder: str | Path) -> None:
     """Remove the mark: the results are complete."""
-    (Path(folder).expanduser() / MARK).unlink()
+    folder = Path(folder).expanduser().absolute()
+    (folder / MARK).unlink()
+    if (lock := _locks.pop(folder, None)) is not None:
+        os.close(lock)
+
+
+_locks: dict[Path, int] = {}
+
+
+def _lock(folder: Path) -> None:
+    """Keep other commands out of a folder until this process ends, where the system has such locks.
+
+    Raises:
+        FileExistsError: Another command is writing there.
+    """
+    if fcntl is None:
+        return
+    if (earlier := _locks.pop(folder, None)) is not None:
+        os.close(earlier)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise FileExistsError(
+            f"Another command is writing into {folder}. Wait until it has ended, or name another folder with "
+            "output=…."
+        ) from error
+    except OSError:
+        # A file system without locks.
+        os.close(handle)
+        return
+    _locks[folder] = handle
+
+
+def states_of_files(config: DictConfig, keys: Sequence[str]) -> dict[str, Any]:
+    """States of the files that settings name, by setting; settings that name no file are left out.
+
+    Args:
+        config: Configuration of the command.
+        keys: Settings that may name a file or a folder.
+    """
+    found = {}
+    for key in keys:
+        value = OmegaConf.select(config, key, throw_on_missing=False)
+        path = Path(str(value)).expanduser()
+        if value is not None and path.exists():
+            found[key] = file_state(path)
+    return found
 
 
 def file_state(path: Path) -> list[Any]:
     """Name, size and time of change of an input file, which tell whether it is the same as before."""
-    known = path.stat()
+    try:
+        known = path.stat()
+    except OSError:
+        # Such as a link to nowhere; reading it says what is wrong.
+        return [str(path.absolute()), None, None]
     return [str(path.absolute()), known.st_size, known.st_mtime_ns]
 
 
@@ -83,5 +148,5 @@ def _read(mark: Path) -> dict[str, Any]:
 def _write(mark: Path, settings: dict[str, Any]) -> None:
     # Complete or absent, also after a kill.
     partial = mark.with_name(f"{mark.name}.part")
-    partial.write_text(json.dumps(settings, indent=1, ensure_ascii=False), encoding="utf-8")
+    partial.write_text(json.dumps(settings, indent=1), encoding="utf-8")
     os.replace(partial, mark)

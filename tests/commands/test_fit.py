@@ -1,6 +1,7 @@
 """`hand_recon.fit` from a file to a folder, and the test hands of a dataset to their scores."""
 
 import csv
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from omegaconf import DictConfig, open_dict
 
 from hand_recon.camera import project
 from hand_recon.hand.model import HandModel
+from hand_recon.runs import fit_run
 from hand_recon.runs.fit_run import fit
 from tests.support.configurations import composed
 from tests.support.views import known_hands, views
@@ -186,6 +188,54 @@ def test_a_file_in_which_no_hand_was_found_leaves_nulls(tmp_path: Path) -> None:
     entries = entries_of(tmp_path / "out")
     assert [entry["verdict"] for entry in entries] == ["not fitted", "not fitted"]
     assert all(entry["reasons"] for entry in entries)
+
+
+def test_an_interrupted_fit_goes_on_with_all_of_its_results(
+    landmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = (f"landmarks={landmarks}", "results.meshes=3", "results.pictures=3")
+    real, stops = fit_run.fit_in_parts, itertools.count()
+
+    def one_by_one(hands: Any, fitter: Any, **options: Any) -> Any:  # noqa: ANN401
+        interrupted = next(stops) in (1, 2)
+        for number, part in enumerate(real(hands, fitter, size=1, **options)):
+            if interrupted and number == 1:
+                raise KeyboardInterrupt
+            yield part
+
+    monkeypatch.setattr(fit_run, "fit_in_parts", one_by_one)
+    expected = fit(asked(tmp_path / "whole", *words))
+    whole = (tmp_path / "whole" / "hands.json").read_bytes()
+    output = tmp_path / "out"
+    for done in (1, 2):
+        with pytest.raises(KeyboardInterrupt):
+            fit(asked(output, *words))
+        assert len(json.loads((output / "hands.json.part").read_text())) == done
+    summary = fit(asked(output, *words))
+    assert (output / "hands.json").read_bytes() == whole
+    assert summary == pytest.approx(expected, abs=1e-3)
+    for folder in ("meshes", "pictures"):
+        names = [
+            sorted(path.name for path in (top / folder).iterdir())
+            for top in (output, tmp_path / "whole")
+        ]
+        assert names[0] == names[1]
+        assert len(names[0]) == 2
+    assert (output / "fits.png").read_bytes() == (tmp_path / "whole" / "fits.png").read_bytes()
+
+
+def test_strict_counts_the_hands_from_before_an_interruption(
+    landmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All hands are done, and only the end of the command is missing."""
+    monkeypatch.setattr(fit_run, "finish", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+    output = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        fit(asked(output, f"landmarks={landmarks}"))
+    monkeypatch.undo()
+    with pytest.raises(ValueError, match="1 are not fitted, which strict refuses"):
+        fit(asked(output, f"landmarks={landmarks}", "strict=true"))
+    assert len(entries_of(output)) == 3
 
 
 @pytest.fixture(scope="module")

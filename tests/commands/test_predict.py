@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import os
 import subprocess
 import sys
 from importlib.resources import files
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from hydra.errors import InstantiationException
 from omegaconf import DictConfig, open_dict
 from PIL import Image
 
@@ -157,7 +159,7 @@ def test_an_interrupted_command_goes_on_where_it_was(
     assert len(json.loads((out / "hands.json.part").read_text(encoding="utf-8"))) == 2
     assert not (out / "hands.json").exists()
     # A kill may leave half a line of either file.
-    for name in ("hands.json.part", "images.csv.part"):
+    for name in ("hands.json.part", "progress.jsonl"):
         with (out / name).open("a", encoding="utf-8") as stream:
             stream.write('{"image": "3')
     with pytest.raises(FileExistsError, match="unfinished results of a command with other options"):
@@ -169,6 +171,77 @@ def test_an_interrupted_command_goes_on_where_it_was(
     assert [row["image"] for row in table(out / "images.csv")] == sorted(
         path.name for path in (folder / "photos").iterdir()
     )
+
+
+def test_a_second_interruption_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
+    predict(asked(folder, f"output='{folder}/whole'"))
+    real, stop = looking.look_at_file, {0, 1, 3}
+    looks = itertools.count()
+
+    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
+        if next(looks) in stop:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(predict_run, "look_at_file", interrupted)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            predict(asked(folder))
+    # Hands without their row, and rows without all of their hands, are done again.
+    out = folder / "out"
+    lines = (out / "hands.json.part").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 4
+    (out / "hands.json.part").write_text("\n".join(lines[:2]), encoding="utf-8")
+    assert predict(asked(folder))["hands"] == 3
+    assert (out / "hands.json").read_bytes() == (folder / "whole" / "hands.json").read_bytes()
+    assert not list(out.glob("*.new"))
+
+
+def test_odd_names_and_own_drawings_in_the_input_folder(folder: Path) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    photo = folder / "photos" / "1 two.png"
+    names = ["a\nb.png", "c\u2028d.png", 'e"f,g.png', os.fsdecode(b"h\xff.png")]
+    for name in names:
+        try:
+            photo.with_name(name).write_bytes(photo.read_bytes())
+        except OSError:
+            names.remove(name)  # A file system that refuses the name.
+    (folder / "photos" / "nowhere.png").symlink_to(folder / "gone.png")
+    with pytest.raises(ValueError, match=r"1 of \d+ images could not be processed"):
+        predict(asked(folder, f"output='{folder}/photos/out'"))
+    rows = table(folder / "photos" / "out" / "images.csv")
+    assert len(rows) == 4 + len(names)
+    assert {"a\nb.png", "h\\xff.png"} & {row["image"] for row in rows}
+    again = folder / "again"
+    with pytest.raises(ValueError, match=r"1 of \d+ images could not be processed"):
+        predict(asked(folder, f"output='{again}'"))
+    assert [row["image"] for row in table(again / "images.csv")] == [row["image"] for row in rows]
+
+
+def test_a_wrong_option_claims_no_folder(folder: Path) -> None:
+    with pytest.raises(InstantiationException, match="Unknown format of meshes 'stl'"):
+        predict(asked(folder, "results.meshes=stl"))
+    assert not (folder / "out").exists()
+    config = asked(folder)
+    config.input = []
+    with pytest.raises(ValueError, match="No image is named"):
+        predict(config)
+
+
+def test_another_camera_file_does_not_go_on_with_the_results_of_the_first(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "photos" / "4 cut off.png").unlink()
+    monkeypatch.setattr(
+        predict_run, "look_at_file", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        predict(asked(folder))
+    (folder / "K.json").write_text(json.dumps([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]))
+    with pytest.raises(FileExistsError, match="unfinished results of a command with other files"):
+        predict(asked(folder))
 
 
 def test_strict_refuses_what_is_not_plausible_and_a_photograph_without_hands_is_no_failure(

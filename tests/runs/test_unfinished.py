@@ -1,8 +1,11 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
-from hand_recon.runs.unfinished import MARK, claim_or_resume, file_state, finish
+from hand_recon.runs.unfinished import MARK, claim_or_resume, file_state, finish, states_of_files
 
 SETTINGS = {"options": {"camera": "auto", "steps": (1, 2)}, "images": [["a.jpg", 3, 5]]}
 
@@ -56,3 +59,36 @@ def test_a_changed_file_has_another_state(tmp_path: Path) -> None:
     assert file_state(file) == before
     file.write_bytes(b"three")
     assert file_state(file) != before
+
+
+def test_a_folder_that_another_command_writes_to_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    claim_or_resume(tmp_path / "out", ["hands.json"], SETTINGS)
+    program = (
+        "import sys; from pathlib import Path; from hand_recon.runs.unfinished import claim_or_resume\n"
+        "claim_or_resume(Path(sys.argv[1]), ['hands.json'], {})"
+    )
+    words = [sys.executable, "-c", program, str(tmp_path / "out")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603
+    assert "FileExistsError: Another command is writing into" in done.stderr
+    finish(tmp_path / "out")
+    assert subprocess.run(words, capture_output=True, check=False).returncode == 0  # noqa: S603
+
+
+def test_a_link_to_nowhere_has_a_state_and_files_that_settings_name_are_found(
+    tmp_path: Path,
+) -> None:
+    link = tmp_path / "x.jpg"
+    link.symlink_to(tmp_path / "gone.jpg")
+    assert file_state(link)[1:] == [None, None]
+    (tmp_path / "K.json").write_text("1")
+    config = OmegaConf.create(
+        {
+            "camera": str(tmp_path / "K.json"),
+            "detector": {"boxes": "???"},
+            "lifter": None,
+            "a": "auto",
+        }
+    )
+    found = states_of_files(config, ("camera", "detector.boxes", "lifter", "a", "none.at.all"))
+    assert found == {"camera": file_state(tmp_path / "K.json")}
