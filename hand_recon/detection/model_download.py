@@ -85,11 +85,15 @@ def prepare_models(
         Files that were written; none if everything was there.
 
     Raises:
-        ModelsError: The models are not in these files, or cannot be fetched.
+        ModelsError: The models are not in these files, or cannot be fetched, or the folder cannot be made.
         OSError: The folder cannot be written to.
     """
     if not files:
-        return _write(_fetched(address), folder) if folder.missing() else []
+        if not folder.missing():
+            return []
+        # Before anything is fetched.
+        folder.make()
+        return _write(_fetched(address), folder)
     found = models_in(files)
     named = ", ".join(str(file) for file in files)
     if not found:

@@ -100,13 +100,27 @@ class ModelFolder:
         """The models that are not here, or damaged."""
         return [model for model in MODELS if self.read(model) is None]
 
+    def make(self) -> None:
+        """Make the folder.
+
+        Raises:
+            ModelsError: It cannot be made.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ModelsError(
+                f"The folder {self.path} for the detector's models cannot be made ({error.strerror}). Name "
+                "another in the environment's HAND_RECON_CACHE, or with detector.models=<folder>."
+            ) from error
+
     def write(self, name: str, content: bytes) -> Path:
         """Write a file at once: other processes see the old one or the whole new one.
 
         Raises:
             OSError: The folder cannot be written to.
         """
-        self.path.mkdir(parents=True, exist_ok=True)
+        self.make()
         descriptor, partial = tempfile.mkstemp(dir=self.path, prefix=f".{name}.")
         try:
             with os.fdopen(descriptor, "wb") as file:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hand_recon.detection import model_files, models
+from hand_recon.detection.model_download import prepare_models
 from hand_recon.detection.model_files import models_in, models_in_content
 from hand_recon.detection.models import (
     LANDMARKS,
@@ -193,3 +194,11 @@ def test_a_missing_and_a_giant_file_are_named(
     (tmp_path / "large.zip").write_bytes(b"x" * 11)
     with pytest.raises(ModelsError, match=r"large.zip has 11 bytes, more than 10"):
         models_in([tmp_path / "large.zip"])
+
+
+def test_a_cache_that_cannot_be_made_is_said_before_anything_is_fetched(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(ModelsError, match=r"file/detector .* cannot be made .*HAND_RECON_CACHE"):
+        prepare_models(
+            [], ModelFolder(tmp_path / "file" / "detector"), address="http://127.0.0.1:9"
+        )
