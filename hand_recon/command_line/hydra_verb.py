@@ -5,7 +5,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -73,13 +73,7 @@ def run_verb(
     try:
         hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
     except BrokenPipeError as error:
-        # Whoever read the output, such as `head`, has enough of it; Python would complain at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(141) from error
-    except OSError as error:
-        # Hydra makes the folder of the results.
-        sys.stderr.write(f"error: {error}. Name another folder for the results.\n")
-        raise SystemExit(1) from error
+        _end_quietly(error)
     except KeyboardInterrupt as error:
         sys.stderr.write("Interrupted. What was finished until then is kept.\n")
         raise SystemExit(130) from error
@@ -94,8 +88,8 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
         register_resolvers()
         try:
             return getattr(importlib.import_module(module), function)(config)
-        except BrokenPipeError:
-            raise
+        except BrokenPipeError as error:
+            _end_quietly(error)
         except _USER_ERRORS as error:
             # In a sweep Hydra says which run failed.
             if HydraConfig.get().mode == RunMode.MULTIRUN or _wants_traceback(error):
@@ -104,6 +98,13 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
             raise SystemExit(1) from error
 
     return task
+
+
+def _end_quietly(error: BrokenPipeError) -> NoReturn:
+    """End the process: whoever read its output, such as `head`, has enough of it."""
+    # Python would complain when it flushes at its end.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    raise SystemExit(141) from error
 
 
 def _reason(error: Exception) -> str:

@@ -21,13 +21,6 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver(
         "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
     )
-    OmegaConf.register_new_resolver(
-        "either", lambda first, second: second if first in (None, "") else first, replace=True
-    )
-    # Used by conf/predict.yaml: results on standard output need no folder.
-    OmegaConf.register_new_resolver(
-        "when", lambda given, value: None if given is None else value, replace=True
-    )
     # Used by conf/recipe/lifter.yaml.
     OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
 

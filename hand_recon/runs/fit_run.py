@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from hand_recon import __version__
@@ -33,6 +32,7 @@ from hand_recon.runs.unfinished import (
     claim_or_resume,
     file_state,
     finish,
+    results_folder,
     states_of_files,
 )
 from hand_recon.schema import HandBatch
@@ -59,7 +59,7 @@ def fit(config: DictConfig) -> dict[str, Any]:
         )
     threads = configure_process(config.threads)
     config = adapted_to_data(config)
-    folder = Path(config.output or HydraConfig.get().runtime.output_dir).expanduser().absolute()
+    folder = results_folder(config)
     if config.landmarks is None:
         return _fit_dataset(config, folder)
     settings = {

@@ -88,15 +88,16 @@ class PhotoResults:
         """
         hands, progress = self.folder / "hands.json", self.folder / "progress.jsonl"
         kept: list[dict[str, Any]] = []
-        self.rows = []
+        batches: list[list[dict[str, Any]]] = []
         if goes_on:
-            self.rows, kept = _consistent(read_progress(progress), entries_so_far(hands))
+            batches, kept = _consistent(read_progress(progress), entries_so_far(hands))
+        self.rows = [row for rows in batches for row in rows]
         done = [row["image"] for row in self.rows]
         if done:
             logger.info("%d images are done already.", len(done))
         with (
             writing_hands(hands, kept) as self.write,
-            _appending(progress, self.rows) as self.record,
+            _appending(progress, batches) as self.record,
         ):
             yield done
         _write_table(self.folder / "images.csv", self.rows)
@@ -116,7 +117,7 @@ class PhotoResults:
         records = None if part is None else to_records(part)
         if records is not None:
             self.write(records)
-        first = 0
+        first, done = 0, []
         for one in batch:
             rows = range(first, first + len(one.hands))
             first += len(one.hands)
@@ -140,8 +141,10 @@ class PhotoResults:
                 },
                 "draw_ms": round(1000 * (time.perf_counter() - start), 1),
             }
-            self.rows.append(row)
-            self.record(row)
+            done.append(row)
+        # A batch is done as a whole: its hands are fitted together, and again only together.
+        self.rows += done
+        self.record(done)
 
     def _draw(self, one: LookedAt, rows: range, part: FittedHands, records: HandRecords) -> str:
         """Write the overlay and the mesh of a photograph; the overlay's name, or nothing."""
@@ -245,49 +248,48 @@ def _made(folder: Path) -> Path:
 
 @contextmanager
 def _appending(
-    path: Path, rows: Sequence[dict[str, Any]]
-) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Write rows as JSON, one to a line and each at once; yields the function that appends a row.
+    path: Path, batches: Sequence[list[dict[str, Any]]]
+) -> Iterator[Callable[[list[dict[str, Any]]], None]]:
+    """Write the rows of batches as JSON, a batch to a line; yields the function that appends a batch.
 
     Args:
-        path: The file; it is replaced only by a file that holds all of the rows.
-        rows: Rows that it begins with.
+        path: The file; it is replaced only by a file that holds all of the batches.
+        batches: Batches that it begins with.
     """
     beginning = path.with_name(f"{path.name}.new")
     with beginning.open("w", encoding="utf-8") as stream:
 
-        def append(row: dict[str, Any]) -> None:
-            stream.write(json.dumps(row) + "\n")
+        def append(rows: list[dict[str, Any]]) -> None:
+            stream.write(json.dumps(rows) + "\n")
             stream.flush()
 
-        for row in rows:
-            append(row)
+        for rows in batches:
+            append(rows)
         os.fsync(stream.fileno())
         os.replace(beginning, path)
         yield append
 
 
-def read_progress(path: Path) -> list[dict[str, Any]]:
-    """Rows of a file of progress whose lines are whole, as far as they go."""
+def read_progress(path: Path) -> list[list[dict[str, Any]]]:
+    """Batches of rows of a file of progress whose lines are whole, as far as they go."""
     if not path.is_file():
         return []
-    rows = []
+    batches = []
     for line in path.read_text(encoding="utf-8").split("\n")[:-1]:
         try:
-            row = json.loads(line)
+            batches.append(json.loads(line))
         except ValueError:
             break
-        rows.append(row)
-    return rows
+    return batches
 
 
 def _consistent(
-    rows: list[dict[str, Any]], entries: list[dict[str, Any]]
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """The rows of images all of whose hands are there, and these hands."""
+    batches: list[list[dict[str, Any]]], entries: list[dict[str, Any]]
+) -> tuple[list[list[dict[str, Any]]], list[dict[str, Any]]]:
+    """The batches of images all of whose hands are there, and these hands."""
     hands = Counter(entry["image"] for entry in entries)
-    done = [row for row in rows if hands[row["image"]] == row["hands"]]
-    names = {row["image"] for row in done}
+    done = [rows for rows in batches if all(hands[row["image"]] == row["hands"] for row in rows)]
+    names = {row["image"] for rows in done for row in rows}
     return done, [entry for entry in entries if entry["image"] in names]
 
 

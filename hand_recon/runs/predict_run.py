@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon import __version__
@@ -35,6 +34,7 @@ from hand_recon.runs.unfinished import (
     claim_or_resume,
     file_state,
     finish,
+    results_folder,
     states_of_files,
 )
 
@@ -178,7 +178,7 @@ def _to_stream(stages: _Stages) -> dict[str, Any]:
 
 def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
     """Write the hands and pictures of them to a folder, or go on in one that an interrupted run left."""
-    folder = Path(config.output or HydraConfig.get().runtime.output_dir).expanduser().absolute()
+    folder = results_folder(config)
     settings = {
         "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
         "images": [file_state(path) for path in stages.files],

@@ -3,10 +3,13 @@
 import json
 import logging
 import os
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 try:
@@ -36,7 +39,12 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
     """
     folder = Path(path).expanduser().absolute()
     made = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileExistsError(
+            f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
+        ) from error
     _lock(folder)
     if made:
         _write(folder / MARK, settings)
@@ -63,6 +71,21 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
         )
     logger.info("%s holds unfinished results of this command, which goes on there.", folder)
     return True
+
+
+def results_folder(config: DictConfig) -> Path:
+    """Folder of the results of a command: `output`, or Hydra's of a sweep, or a new one named by the time.
+
+    Args:
+        config: Configuration with `output`, `paths.output` and `name`.
+    """
+    if config.output:
+        return Path(config.output).expanduser().absolute()
+    hydra = HydraConfig.get()
+    if hydra.mode == RunMode.MULTIRUN or hydra.run.dir != ".":
+        return Path(hydra.runtime.output_dir).absolute()
+    now = time.strftime("%Y-%m-%d_%H-%M-%S")
+    return (Path(config.paths.output) / config.name / now).absolute()
 
 
 def finish(folder: str | Path) -> None:
