@@ -150,14 +150,22 @@ def with_possible_solver(descent: Descent, objective: Objective) -> Descent:
         descent: Settings of the optimizer.
         objective: The loss.
     """
-    unknown = without_second_derivatives(objective.prior)
-    if descent.solver != "second_order" or not unknown:
+    missing = _without_derivatives(objective)
+    if descent.solver != "second_order" or not missing:
         return descent
     logger.info(
-        "Fitting by Adam, which is slower: the second-order solver has no derivatives of the prior's %s.",
-        ", ".join(unknown),
+        "Fitting by Adam, which is slower: the second-order solver has no derivatives of %s.",
+        " and ".join(missing),
     )
     return replace(descent, solver="adam")
+
+
+def _without_derivatives(objective: Objective) -> list[str]:
+    """Parts of a loss that the second-order solver cannot differentiate, in words."""
+    missing = [f"the prior's {name}" for name in without_second_derivatives(objective.prior)]
+    if objective.hand.pose_directions is not None:
+        missing.append(f"the pose blend shapes of the hand {objective.hand.name!r}")
+    return missing
 
 
 def _closed_form(observation: Observation, hand: HandModel, count: int) -> Start:
@@ -175,7 +183,7 @@ def _solver(
     observation: Observation, objective: Objective, descent: Descent
 ) -> Callable[[Observation, list[Start]], Fitted]:
     """Function that fits a batch of hands from their starts."""
-    if descent.solver == "adam" or without_second_derivatives(objective.prior):
+    if descent.solver == "adam" or _without_derivatives(objective):
         light = objective.without_non_penetration()
         return lambda piece, starts: _fit_batch(
             piece, Start.beside(starts), (light, objective), descent

@@ -73,7 +73,7 @@ def distance(found: Fitted, batch: HandBatch) -> Float[Tensor, "hand landmark"]:
 
 def test_exact_landmarks_are_met_and_the_hand_is_found(hand: HandModel, prior: Prior) -> None:
     seen = views(hand, known_hands(hand, 32))
-    found = fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(steps=200))
+    found = fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=200))
     assert float(distance(found, seen).mean(dim=1).max()) < 1.0
     assert seen.landmarks_3d is not None
     metrics = HandMetrics()
@@ -91,7 +91,7 @@ def test_the_staged_likelihood_fits_them_too(
     hand: HandModel, prior: Prior, seen: HandBatch
 ) -> None:
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5)
-    found = fit(observed(seen), Objective(hand, prior, term), descent=Descent(steps=200))
+    found = fit(observed(seen), Objective(hand, prior, term), descent=Descent(solver="adam", steps=200))
     assert float(distance(found, seen).mean(dim=1).max()) < 1.5
     # The given term is unchanged: every fit goes through the stages of a copy.
     assert term.stage == 0
@@ -101,7 +101,7 @@ def test_the_staged_likelihood_fits_them_too(
 def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None:
     prior = Prior.default(hand)
     found = fit(
-        observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(starts=1, steps=10)
+        observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", starts=1, steps=10)
     )
     loss = found.loss
     assert {"total", "data", "range_of_motion", "non_penetration", "shape"} <= set(loss)
@@ -120,7 +120,7 @@ def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None
 def test_more_starts_never_end_higher(double: HandModel, prior: Prior, seen: HandBatch) -> None:
     losses = [
         fit(in_double(seen), Objective(double, prior, SquaredError()),
-            descent=Descent(starts=starts, steps=60, non_penetration_from=1.0)).loss["total"]
+            descent=Descent(solver="adam", starts=starts, steps=60, non_penetration_from=1.0)).loss["total"]
         for starts in (1, 2, 4)
     ]  # fmt: skip
     for fewer, more in itertools.pairwise(losses):
@@ -141,7 +141,7 @@ def test_missing_landmarks_are_neither_fitted_nor_looked_at(
         )
         results.append(
             fit(
-                observed(hidden), Objective(hand, prior, SquaredError()), descent=Descent(steps=100)
+                observed(hidden), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=100)
             )
         )
     first, second = results
@@ -165,7 +165,7 @@ def test_a_few_landmarks_give_a_finite_hand_near_them(
         labelled=labelled,
         landmarks_2d=seen.landmarks_2d.masked_fill(~labelled[..., None], torch.nan),
     )
-    found = fit(observed(few), Objective(hand, prior, SquaredError()), descent=Descent(steps=100))
+    found = fit(observed(few), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=100))
     assert found.prediction.vertices.isfinite().all()
     assert float(distance(found, seen)[:, shown].mean(dim=1).max()) < 8.0
 
@@ -182,7 +182,7 @@ def test_an_outlier_of_large_sigma_pulls_less(
         sigma[:, tip] = sigma_of_tip
         given = observed(replace(seen, landmarks_2d=wrong, label_noise=sigma))
         found = fit(
-            given, Objective(hand, prior, NegativeLogLikelihood()), descent=Descent(steps=100)
+            given, Objective(hand, prior, NegativeLogLikelihood()), descent=Descent(solver="adam", steps=100)
         )
         assert_close(found.prediction.log_sigma[:, tip].exp(), torch.full((COUNT, 2), sigma_of_tip))
         off.append(distance(found, seen)[:, tip])
@@ -208,7 +208,7 @@ class Asked(Prior):
 
 def test_surfaces_join_late_and_for_the_best_start_alone(hand: HandModel, seen: HandBatch) -> None:
     prior = Asked({"shape": ShapeTerm(hand)})
-    descent = Descent(starts=2, steps=10, non_penetration_from=0.6)
+    descent = Descent(solver="adam", starts=2, steps=10, non_penetration_from=0.6)
     fit(observed(seen), Objective(hand, prior, SquaredError()), descent=descent)
     # Without the term: six steps and the choice of the start; with it: four steps and the result.
     assert prior.asked == [(2 * COUNT, None)] * 7 + [(COUNT, len(hand.template))] * 5
@@ -217,7 +217,7 @@ def test_surfaces_join_late_and_for_the_best_start_alone(hand: HandModel, seen: 
 def test_the_batch_does_not_matter(double: HandModel, prior: Prior, seen: HandBatch) -> None:
     whole, parts = (
         fit(in_double(seen), Objective(double, prior, SquaredError()),
-            descent=Descent(starts=2, steps=60, hands_at_once=at_once))
+            descent=Descent(solver="adam", starts=2, steps=60, hands_at_once=at_once))
         for at_once in (256, 6)
     )  # fmt: skip
     torch.testing.assert_close(
@@ -229,7 +229,7 @@ def test_the_batch_does_not_matter(double: HandModel, prior: Prior, seen: HandBa
 def test_the_same_fit_twice_is_the_same_to_the_bit(
     hand: HandModel, prior: Prior, seen: HandBatch
 ) -> None:
-    descent = Descent(steps=30)
+    descent = Descent(solver="adam", steps=30)
     first, second = (
         fit(observed(seen), Objective(hand, prior, SquaredError()), descent=descent)
         for _ in range(2)
@@ -250,10 +250,10 @@ def test_further_starts_are_tried_beside_the_closed_form(hand: HandModel, prior:
             ground_truth.shape[:, None],
         )
 
-    alone = Descent(starts=0, steps=1, learning_rate=1e-6)
+    alone = Descent(solver="adam", starts=0, steps=1, learning_rate=1e-6)
     found = fit(observed(seen), Objective(hand, prior, SquaredError()), descent=alone, further=told)
     assert float(distance(found, seen).max()) < 0.05
-    beside = Descent(starts=2, steps=1, learning_rate=1e-6)
+    beside = Descent(solver="adam", starts=2, steps=1, learning_rate=1e-6)
     found = fit(
         observed(seen), Objective(hand, prior, SquaredError()), descent=beside, further=told
     )
@@ -284,13 +284,13 @@ def test_a_lifters_answer_is_where_it_saw_the_hand(hand: HandModel, seen: HandBa
 
 def test_without_a_start_there_is_no_fit(hand: HandModel, prior: Prior, seen: HandBatch) -> None:
     with pytest.raises(ValueError, match=r"descent\.starts=0 and no lifter"):
-        fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(starts=0))
+        fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", starts=0))
 
 
 def test_no_hand_is_fitted_to_none(hand: HandModel, seen: HandBatch) -> None:
     prior = Prior.default(hand)
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5)
     none = observed(seen.select(slice(0)))
-    found = fit(none, Objective(hand, prior, term), descent=Descent(steps=4))
+    found = fit(none, Objective(hand, prior, term), descent=Descent(solver="adam", steps=4))
     assert found.prediction.vertices.shape == (0, len(hand.template), 3)
     assert all(value.shape == (0,) for value in found.loss.values())

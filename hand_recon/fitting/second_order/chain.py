@@ -23,8 +23,6 @@ from hand_recon.hand.skeleton import JOINT_LEVELS, PARENTS, ROOT_JOINT
 LEVEL_ORDER: Final[tuple[int, ...]] = (0, *(joint for level in JOINT_LEVELS for joint in level))
 """Joints by depth in the skeleton: the order of joints in this package's tensors."""
 
-_Rest = Float[Tensor, "point 3 coefficient=11"]
-
 FINGERS: Final = len(JOINT_LEVELS[0])
 """Chains of joints that begin at the wrist."""
 
@@ -80,7 +78,11 @@ def chain_vertices(hand: HandModel) -> ChainPoints:
     return _chain(hand, share, offsets, joints)
 
 
-def _rest(hand: HandModel, needed: Bool[Tensor, " vertex"]) -> tuple[_Rest, _Rest]:
+def _rest(
+    hand: HandModel, needed: Bool[Tensor, " vertex"]
+) -> tuple[
+    Float[Tensor, "vertex_needed 3 coefficient=11"], Float[Tensor, "joint=16 3 coefficient=11"]
+]:
     """Coefficients of the mean, then of the shape directions: some vertices, and all rotation centres."""
     vertices = torch.cat([hand.template[..., None], hand.shape_directions], dim=-1)
     joints = torch.cat([hand.joints_template[..., None], hand.joint_shape_directions], dim=-1)
@@ -88,7 +90,7 @@ def _rest(hand: HandModel, needed: Bool[Tensor, " vertex"]) -> tuple[_Rest, _Res
 
 
 def _chain(
-    hand: HandModel, share: Float[Tensor, "point joint=16"], offsets: Tensor, joints: _Rest
+    hand: HandModel, share: Float[Tensor, "point joint=16"], offsets: Tensor, joints: Tensor
 ) -> ChainPoints:
     """Add the bones on the way to each point to its offsets from the joints that move it.
 

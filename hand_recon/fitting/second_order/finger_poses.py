@@ -4,6 +4,7 @@ Given a placement of the palm, every finger is looked up alone. A finger that po
 one that points away from it may look alike, so there is a second choice whose tip is at another depth.
 """
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -113,6 +114,7 @@ class Seen:
         )
 
 
+@functools.cache
 def finger_table() -> Float[Tensor, "pose joint=15 axis=3"]:
     """All combinations of bends and splays, the same number for every finger, radians."""
     count = len(KNUCKLE_BENDS["finger"]) * len(FURTHER_BENDS["finger"]) * len(SPLAYS["thumb"])

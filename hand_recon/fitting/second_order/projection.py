@@ -129,14 +129,14 @@ class LandmarkProjection:
         """
         hands, columns = len(at.translation), len(self.free)
         flat = at.pixels.new_zeros(2 * self._count * columns, hands)
-        moved = _cross(at.turned[:, None], at.slopes[:, :, self._pair_landmark].transpose(0, 1))
+        slopes = at.slopes[:, :, self._pair_landmark]
+        moved = torch.linalg.cross(at.turned[:, None], slopes.transpose(0, 1), dim=0)
         by_angle = (moved[:, None] * at.axes[:, :, None, self._pair_joint]).sum(dim=0)
         flat[self._entries] = by_angle.flatten(0, 2)[self._kept]
         whole = flat.view(2, self._count, columns, hands)
         whole[:, :, columns - 13 : columns - 10] = self._by_place(at, inverse)
         whole[:, :, columns - 10 :] = self._by_shape(at)
-        rows = flat.mT.contiguous()
-        return rows.unflatten(1, (2 * self._count, columns))
+        return flat.mT.reshape(hands, 2 * self._count, columns)
 
     def _by_place(self, at: Projected, inverse: Tensor) -> Float[Tensor, "2 landmark=21 3 hand"]:
         """Derivatives by the projection of the origin and by the log depth."""
@@ -168,10 +168,3 @@ def _projected(
     linear = matrix[:, :2] * over_depth
     by_depth = -(linear * on_plane).sum(dim=1, keepdim=True)
     return pixels, torch.cat([linear, by_depth], dim=1)
-
-
-def _cross(first: Tensor, second: Tensor) -> Tensor:
-    """Cross product along the first axis."""
-    a, b, c = first.unbind(0)
-    d, e, f = second.unbind(0)
-    return torch.stack([b * f - c * e, c * d - a * f, a * e - b * d])
