@@ -18,6 +18,7 @@ from hand_recon.data.landmarks.formats.point_lists import (
     hands_in,
 )
 from hand_recon.data.landmarks.parsed import SIDES, ParsedHands, read_side
+from hand_recon.data.landmarks.results_again import entries_of_results, is_result
 
 logger = logging.getLogger(__name__)
 
@@ -41,12 +42,6 @@ KNOWN_KEYS: Final = (
     *SIZE_KEYS,
 )  # fmt: skip
 """All keys of an object that are read."""
-
-RESULT_KEYS: Final = frozenset({"landmarks_3d", "joint_angles_degrees", "loss"})
-"""Keys that tell a file of reconstructed hands (`hand_recon.fitting.hands_file`)."""
-
-_GIVEN: Final = frozenset({"given", "EXIF"})
-"""Sources of a reconstructed hand's camera that are measured rather than assumed."""
 
 
 def objects_in(path: Path, content: dict[str, Any]) -> list[Any]:
@@ -105,42 +100,13 @@ def parse_objects(path: Path, content: list[Any]) -> ParsedHands:
                 f"{path}: entry {position} is not an object with `landmarks`; expected every entry to be "
                 "one, or every entry to be a list of 21 points."
             )
-    if all(RESULT_KEYS & entry.keys() for entry in content):
-        return _parse_results(path, content)
+    if all(map(is_result, content)):
+        entries, kind = entries_of_results(path, content)
+        return replace(_parse(path, entries), title=f"{kind} of reconstructed hands")
     unknown = sorted({key for entry in content for key in entry} - set(KNOWN_KEYS))
     if unknown:
         logger.warning("%s: %s are not read; known are %s.", path, unknown, list(KNOWN_KEYS))
     return _parse(path, content)
-
-
-def _parse_results(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
-    """Reconstructed hands: their projections, and their cameras where all of them were given."""
-    cameras = [_camera_of_result(entry) for entry in content if _first(entry, LANDMARK_KEYS)]
-    known = bool(cameras) and all(camera is not None for camera in cameras)
-    spare = next((camera for camera in cameras if camera is not None), None)
-    entries = [
-        {
-            **entry,
-            "intrinsics": (_camera_of_result(entry) or spare) if known else None,
-            "image_size": _size_of_result(entry),
-        }
-        for entry in content
-    ]
-    return replace(_parse(path, entries), title="projections of reconstructed hands")
-
-
-def _camera_of_result(entry: dict[str, Any]) -> object:
-    """The camera matrix of a reconstructed hand; None if it was assumed."""
-    camera = entry.get("camera")
-    if not isinstance(camera, dict):
-        return None
-    measured = camera.get("known") is True or str(camera.get("source")) in _GIVEN
-    return camera.get("intrinsics") if measured else None
-
-
-def _size_of_result(entry: dict[str, Any]) -> object:
-    camera = entry.get("camera")
-    return camera.get("image_size") if isinstance(camera, dict) else None
 
 
 def _parse(path: Path, content: list[dict[str, Any]]) -> ParsedHands:
