@@ -154,7 +154,7 @@ class LandmarkProjection:
         pulled = (at.slopes[:, :, None, :, None] * turn[None]).sum(dim=1)
         pulled = pulled.permute(2, 3, 1, 0, 4).reshape(self._count, self._slots * 3, 2 * hands)
         found = torch.matmul(self._directions_by_landmark, pulled)
-        return found.view(len(found), -1, 2, hands).permute(2, 0, 1, 3)
+        return found.view(self._count, 10, 2, hands).permute(2, 0, 1, 3)
 
 
 def _projected(

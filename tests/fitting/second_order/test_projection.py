@@ -81,7 +81,7 @@ def test_pixels_are_those_of_the_hand_model(landmark_set: str) -> None:
 
 @SETS
 @pytest.mark.parametrize("every_second", [False, True])
-def test_the_jacobian_is_autograds(landmark_set: str, every_second: bool) -> None:  # noqa: FBT001
+def test_the_jacobian_is_autograds(landmark_set: str, every_second: bool) -> None:
     hand, unknowns, cameras = double_hand(landmark_set), random_unknowns(3), random_cameras(3)
     inverse = torch.linalg.inv(cameras)
     free = torch.cat([torch.arange(0, 45, 2 if every_second else 1), torch.arange(45, COUNT)])
