@@ -64,9 +64,10 @@ def main() -> None:
     loss = {solver: torch.cat(values) for solver, values in losses.items()}
     error = {s: pa_mpjpe(torch.cat(values), batch.landmarks_3d) for s, values in points.items()}
     for solver in SOLVERS:
+        time_each, errors = seconds[solver] / arguments.hands * 1e3, error[solver]
         print(
-            f"{solver:13} {seconds[solver] / arguments.hands * 1e3:7.1f} ms per hand, loss "
-            f"{loss[solver].mean():7.2f}, PA-MPJPE {error[solver].mean():.2f} mm, median {error[solver].median():.2f}"
+            f"{solver:13} {time_each:7.1f} ms per hand, loss {loss[solver].mean():7.2f}, "
+            f"PA-MPJPE {errors.mean():.2f} mm, median {errors.median():.2f}"
         )
     second, adam = SOLVERS
     within = (loss[second] <= loss[adam] + 0.005 * loss[adam].abs()).float().mean()
