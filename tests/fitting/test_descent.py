@@ -73,7 +73,11 @@ def distance(found: Fitted, batch: HandBatch) -> Float[Tensor, "hand landmark"]:
 
 def test_exact_landmarks_are_met_and_the_hand_is_found(hand: HandModel, prior: Prior) -> None:
     seen = views(hand, known_hands(hand, 32))
-    found = fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=200))
+    found = fit(
+        observed(seen),
+        Objective(hand, prior, SquaredError()),
+        descent=Descent(solver="adam", steps=200),
+    )
     assert float(distance(found, seen).mean(dim=1).max()) < 1.0
     assert seen.landmarks_3d is not None
     metrics = HandMetrics()
@@ -91,7 +95,9 @@ def test_the_staged_likelihood_fits_them_too(
     hand: HandModel, prior: Prior, seen: HandBatch
 ) -> None:
     term = Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5)
-    found = fit(observed(seen), Objective(hand, prior, term), descent=Descent(solver="adam", steps=200))
+    found = fit(
+        observed(seen), Objective(hand, prior, term), descent=Descent(solver="adam", steps=200)
+    )
     assert float(distance(found, seen).mean(dim=1).max()) < 1.5
     # The given term is unchanged: every fit goes through the stages of a copy.
     assert term.stage == 0
@@ -101,7 +107,9 @@ def test_the_staged_likelihood_fits_them_too(
 def test_the_terms_add_up_to_the_total(hand: HandModel, seen: HandBatch) -> None:
     prior = Prior.default(hand)
     found = fit(
-        observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", starts=1, steps=10)
+        observed(seen),
+        Objective(hand, prior, SquaredError()),
+        descent=Descent(solver="adam", starts=1, steps=10),
     )
     loss = found.loss
     assert {"total", "data", "range_of_motion", "non_penetration", "shape"} <= set(loss)
@@ -141,7 +149,9 @@ def test_missing_landmarks_are_neither_fitted_nor_looked_at(
         )
         results.append(
             fit(
-                observed(hidden), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=100)
+                observed(hidden),
+                Objective(hand, prior, SquaredError()),
+                descent=Descent(solver="adam", steps=100),
             )
         )
     first, second = results
@@ -165,7 +175,11 @@ def test_a_few_landmarks_give_a_finite_hand_near_them(
         labelled=labelled,
         landmarks_2d=seen.landmarks_2d.masked_fill(~labelled[..., None], torch.nan),
     )
-    found = fit(observed(few), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", steps=100))
+    found = fit(
+        observed(few),
+        Objective(hand, prior, SquaredError()),
+        descent=Descent(solver="adam", steps=100),
+    )
     assert found.prediction.vertices.isfinite().all()
     assert float(distance(found, seen)[:, shown].mean(dim=1).max()) < 8.0
 
@@ -182,7 +196,9 @@ def test_an_outlier_of_large_sigma_pulls_less(
         sigma[:, tip] = sigma_of_tip
         given = observed(replace(seen, landmarks_2d=wrong, label_noise=sigma))
         found = fit(
-            given, Objective(hand, prior, NegativeLogLikelihood()), descent=Descent(solver="adam", steps=100)
+            given,
+            Objective(hand, prior, NegativeLogLikelihood()),
+            descent=Descent(solver="adam", steps=100),
         )
         assert_close(found.prediction.log_sigma[:, tip].exp(), torch.full((COUNT, 2), sigma_of_tip))
         off.append(distance(found, seen)[:, tip])
@@ -284,7 +300,11 @@ def test_a_lifters_answer_is_where_it_saw_the_hand(hand: HandModel, seen: HandBa
 
 def test_without_a_start_there_is_no_fit(hand: HandModel, prior: Prior, seen: HandBatch) -> None:
     with pytest.raises(ValueError, match=r"descent\.starts=0 and no lifter"):
-        fit(observed(seen), Objective(hand, prior, SquaredError()), descent=Descent(solver="adam", starts=0))
+        fit(
+            observed(seen),
+            Objective(hand, prior, SquaredError()),
+            descent=Descent(solver="adam", starts=0),
+        )
 
 
 def test_no_hand_is_fitted_to_none(hand: HandModel, seen: HandBatch) -> None:

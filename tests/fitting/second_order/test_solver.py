@@ -20,7 +20,13 @@ from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm
 from hand_recon.schema import HandBatch
-from hand_recon.uncertainty import LaplaceLikelihood, NegativeLogLikelihood, SquaredError, Staged
+from hand_recon.uncertainty import (
+    DataTerm,
+    LaplaceLikelihood,
+    NegativeLogLikelihood,
+    SquaredError,
+    Staged,
+)
 from tests.fitting.second_order.hands import double_hand, random_cameras, random_unknowns
 from tests.support.own_term import OwnTerm
 from tests.support.views import known_hands, views
@@ -46,7 +52,7 @@ def prior(hand: HandModel) -> Prior:
 
 @pytest.mark.parametrize("likelihood", [NegativeLogLikelihood(), LaplaceLikelihood()])
 def test_the_loss_is_as_low_as_adams(
-    hand: HandModel, prior: Prior, seen: HandBatch, likelihood: torch.nn.Module
+    hand: HandModel, prior: Prior, seen: HandBatch, likelihood: DataTerm
 ) -> None:
     term = Staged(SquaredError(), likelihood, switch_at=0.5)
     noisy = replace(seen, landmarks_2d=seen.landmarks_2d + 2 * torch.randn(COUNT, 21, 2))
@@ -67,7 +73,12 @@ def test_parts_leave_each_other(hand: HandModel, seen: HandBatch) -> None:
     bend[..., 0] = 1.5
     seen = views(hand, replace(fists, joint_angles=bend))
     found = fit(observed(seen), Objective(hand, whole, term), descent=FAST)
-    without = Prior({name: t for name, t in whole.terms.items() if name != "non_penetration"})
+    without = Prior(
+        {
+            "range_of_motion": RangeOfMotionTerm(hand, anatomy=FunctionalAnatomy()),
+            "shape": ShapeTerm(hand),
+        }
+    )
     before = fit(observed(seen), Objective(hand, without, term), descent=FAST)
     depth = whole.terms["non_penetration"](before.prediction.parameters, before.prediction.vertices)
     assert float(depth.sum()) > 0
