@@ -38,7 +38,7 @@ class Descent:
         ValueError: The solver is unknown.
     """
 
-    solver: str = "adam"
+    solver: str = "second_order"
     """`second_order` (Levenberg–Marquardt) or `adam`, which takes ten to thirty times as long."""
     starts: int = 4
     """Closed-form placements of the palm per hand; the second-order solver tries fingers in two ways each."""
