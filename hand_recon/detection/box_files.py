@@ -12,7 +12,7 @@ All are in pixels of the image.
 import csv
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -67,16 +67,8 @@ class BoxFile:
         Raises:
             ValueError: Several names fit equally well.
         """
-        wanted = _as_path(str(image))
-        fitting = [name for name in self.boxes if _fit(name, wanted)]
-        longest = max((_fit(name, wanted) for name in fitting), default=0)
-        best = [name for name in fitting if _fit(name, wanted) == longest]
-        if len(best) > 1:
-            raise ValueError(
-                f"{self.path}: both {best[0]} and {best[1]} could be the image {image}. Name images in it "
-                "with their folders."
-            )
-        return self.boxes[best[0]] if best else None
+        name = named_image(self.path, list(self.boxes), image)
+        return None if name is None else self.boxes[name]
 
     def _rows(self) -> Iterator[tuple[str, GivenBox]]:
         if self.path.suffix.lower() == ".csv":
@@ -182,6 +174,30 @@ class BoxFile:
 
 def _as_path(name: str) -> PurePosixPath:
     return PurePosixPath(name.strip().replace("\\", "/"))
+
+
+def named_image(file: Path, names: Sequence[PurePosixPath], image: Path) -> PurePosixPath | None:
+    """The name in a file that means an image: the longest of those that are ends of its path, or the reverse.
+
+    Args:
+        file: The file, for the message.
+        names: Images as the file names them.
+        image: The image's path.
+
+    Raises:
+        ValueError: Several names fit equally well.
+    """
+    whole, given = _as_path(str(image.absolute())), _as_path(str(image))
+    # Whole paths of another machine end with the path that the user gives.
+    fits = {name: _fit(name, whole) or (name.is_absolute() and _fit(name, given)) for name in names}
+    longest = max(fits.values(), default=0)
+    best = [name for name, shared in fits.items() if shared == longest and shared]
+    if len(best) > 1:
+        raise ValueError(
+            f"{file}: both {best[0]} and {best[1]} could be the image {image}. Name images in it with their "
+            "folders."
+        )
+    return best[0] if best else None
 
 
 def _fit(name: PurePosixPath, wanted: PurePosixPath) -> int:

@@ -34,6 +34,10 @@ class DetectedHand:
 
     Its bones do not have the true lengths.
     """
+    confidence: Float[np.ndarray, "landmark=21"] | None = None
+    """Confidence of each landmark, 0 to 1; none without one."""
+    sigma: Float[np.ndarray, "landmark=21"] | None = None
+    """Standard deviation of each landmark, pixels of the image; none without one."""
 
 
 @dataclass(frozen=True)

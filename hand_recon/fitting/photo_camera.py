@@ -125,7 +125,13 @@ def parse_camera(text: str, photos: int) -> CameraChoice:
             f"camera={text} is neither auto, exif, assumed, fov=<degrees> nor a file; expected one of them, "
             "for example camera=fov=60 or camera=K.json."
         )
-    return CameraChoice("file", path=path, cameras=read_camera_file(path, photos))
+    cameras = read_camera_file(path, None)
+    if len(cameras.matrices) not in (1, photos):
+        raise ValueError(
+            f"{path} holds {len(cameras.matrices)} cameras for {photos} photographs; expected one for all or "
+            "one for each in their order."
+        )
+    return CameraChoice("file", path=path, cameras=cameras)
 
 
 def _degrees(text: str) -> float:

@@ -47,7 +47,10 @@ def to_records(hands: FittedHands, judged: list[Verdict] | None = None) -> HandR
         shape=numbers(parameters.shape),
         root_rotation=numbers(parameters.root_rotation),
         translation=numbers(parameters.translation),
-        intrinsics=numbers(found.intrinsics),
+        # As it was given, not as it came back from the crops.
+        intrinsics=numbers(
+            found.intrinsics if observed.intrinsics is None else observed.intrinsics
+        ),
         cameras=tuple(
             origin.camera if known else None
             for origin, known in zip(origins, fitted.tolist(), strict=True)

@@ -190,6 +190,15 @@ def write_png(path: Path, image: np.ndarray) -> None:
     path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 
 
+def write_jpeg(path: Path, image: np.ndarray) -> None:
+    """Write an RGB image as a JPEG file."""
+    # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
+    options = [cv2.IMWRITE_JPEG_QUALITY, 90]
+    path.write_bytes(
+        cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+    )
+
+
 def summary_of(hands: HandRecords) -> dict[str, float]:
     """Counts of hands, and means over the landmarks and the fitted hands if there are any.
 

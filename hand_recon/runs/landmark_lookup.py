@@ -1,6 +1,6 @@
 """Landmarks of a user's file in the place of a detector: `detector=landmarks`."""
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final
 
 import numpy as np
@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.detection.box_files import named_image
 from hand_recon.detection.detector import DetectedHand, Detections
 
 
@@ -28,17 +29,17 @@ class FileLandmarks:
             ValueError: No hand names its image.
         """
         self.file, self.landmarks = file, landmarks
-        self.paths: dict[Path, list[int]] = {}
-        self.names: dict[str, list[int]] = {}
+        self.hands: dict[PurePosixPath, list[int]] = {}
         for hand, image in enumerate(landmarks.images):
             if image is not None:
-                self.paths.setdefault(image.absolute(), []).append(hand)
-                self.names.setdefault(image.name, []).append(hand)
-        if not self.paths:
+                name = PurePosixPath(image.absolute().as_posix())
+                self.hands.setdefault(name, []).append(hand)
+        if not self.hands:
             raise ValueError(
                 f"{file}: no hand names its image, so that the hands of an image cannot be looked up. Write "
                 "`image` for each hand, or use `hand-recon fit` on this file."
             )
+        self.folder = file.absolute().parent
 
     @classmethod
     def from_config(cls, config: DictConfig) -> "FileLandmarks":
@@ -68,8 +69,28 @@ class FileLandmarks:
         del image
         if file is None:
             return Detections()
-        found = self.paths.get(file.absolute()) or self.names.get(file.name, [])
+        found = self._found(file)
+        if not found:
+            return Detections(dropped=(f"no hand in {self.file} names this image",))
         return Detections(hands=tuple(self._hand(hand) for hand in found))
+
+    def _found(self, file: Path) -> list[int]:
+        """Hands of an image: by its whole path, else by the end of it that the file names.
+
+        Raises:
+            ValueError: Several images of the file could be this one.
+        """
+        whole = PurePosixPath(file.absolute().as_posix())
+        if whole in self.hands:
+            return self.hands[whole]
+        # The file's own folder is no part of the names in it, if the images are elsewhere.
+        short = {self._relative(name): hands for name, hands in self.hands.items()}
+        name = named_image(self.file, list(short), file)
+        return [] if name is None else short[name]
+
+    def _relative(self, name: PurePosixPath) -> PurePosixPath:
+        own = PurePosixPath(self.folder.as_posix())
+        return name.relative_to(own) if name.is_relative_to(own) else name
 
     def _hand(self, hand: int) -> DetectedHand:
         landmarks = self.landmarks
@@ -79,6 +100,8 @@ class FileLandmarks:
         return DetectedHand(
             landmarks_2d=points.numpy(),
             side="left" if bool(landmarks.left[hand]) else "right",
-            score=1.0,
+            score=None,
             side_score=1.0,
+            confidence=None if landmarks.confidence is None else landmarks.confidence[hand].numpy(),
+            sigma=None if landmarks.sigma is None else landmarks.sigma[hand].numpy(),
         )

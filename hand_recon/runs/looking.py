@@ -83,11 +83,17 @@ def look_at(
 ) -> LookedAt:
     """Find the hands of a photograph; arguments as for `look_at_file`."""
     start = time.perf_counter()
-    found = detector(photo.pixels, photo.path)
+    file = photo.path if photo.path.name else None
+    try:
+        found = detector(photo.pixels, file)
+    except ValueError as error:
+        # Such as a name in a file of boxes that could be either of two images.
+        logger.error("%s: %s", name, error)
+        return LookedAt(number, name, file, photo.size, error=str(error))
     seconds = {"detect": time.perf_counter() - start}
     for sentence in found.dropped:
         logger.log(logging.INFO if found.hands else logging.WARNING, "%s: %s", name, sentence)
-    seen = LookedAt(number, name, photo.path, photo.size, found.hands, seconds=seconds)
+    seen = LookedAt(number, name, file, photo.size, found.hands, seconds=seconds)
     try:
         return _with_camera(seen, photo, camera)
     except ValueError as error:
@@ -148,6 +154,8 @@ def to_landmarks(
         left=torch.tensor([hand.side == "left" for _, hand in pairs], dtype=torch.bool),
         names=tuple(one.name for one, _ in pairs),
         intrinsics=torch.from_numpy(cameras),
+        sigma=_column([hand.sigma for _, hand in pairs]),
+        confidence=_column([hand.confidence for _, hand in pairs]),
         images=tuple(one.path for one, _ in pairs),
         image_sizes=torch.tensor([one.size for one, _ in pairs], dtype=torch.float64).reshape(
             -1, 2
@@ -160,6 +168,18 @@ def to_landmarks(
         for one, hand in pairs
     )
     return landmarks, origins
+
+
+def _column(
+    values: Sequence[Float[np.ndarray, "landmark=21"] | None],
+) -> Float[torch.Tensor, "hand landmark=21"] | None:
+    """One row per hand, NaN where a hand has none; None if no hand has one."""
+    if all(row is None for row in values):
+        return None
+    unknown = np.full(21, np.nan)
+    return torch.from_numpy(
+        np.array([unknown if row is None else row for row in values], dtype=float)
+    )
 
 
 def build_detector(config: DictConfig) -> Detector:

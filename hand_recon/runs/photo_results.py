@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from jaxtyping import Int
 from rich.console import Console
@@ -26,7 +25,7 @@ from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import entries_so_far, read_hands, writing_hands
 from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.records_of_fits import to_records
-from hand_recon.fitting.results import MESH_FORMATS, file_name
+from hand_recon.fitting.results import MESH_FORMATS, file_name, write_jpeg
 from hand_recon.runs.looking import LookedAt
 from hand_recon.visualization.gallery import GalleryEntry, GalleryHand, write_gallery
 from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
@@ -230,15 +229,6 @@ _MEANINGS: Final = {
     "fitted": "fitted hands",
     "doubtful": "doubtful hands, with the reasons in hands.json",
 }
-
-
-def write_jpeg(path: Path, image: np.ndarray) -> None:
-    """Write an RGB image as a JPEG file."""
-    # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
-    options = [cv2.IMWRITE_JPEG_QUALITY, 90]
-    path.write_bytes(
-        cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
-    )
 
 
 def _made(folder: Path) -> Path:

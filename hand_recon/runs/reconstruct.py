@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 import torch
+from PIL import Image, ImageOps
 
 from hand_recon.command_line.composing import composed
 from hand_recon.data.photos.photo import Photo, read_photo
@@ -56,7 +57,9 @@ def reconstruct(
     with torch.inference_mode(False), torch.enable_grad():
         config = adapted_to_data(composed("predict", ["input=[]", *overrides]))
         hand = build_hand(config)
-        detector = _detector(tuple(overrides))
+        with_file = {"boxes", "landmarks"} & set(config.detector)
+        # One with a file of its own is read anew: the file may have changed.
+        detector = build_detector(config) if with_file else _detector(tuple(overrides))
         looked = [
             look_at(number, name, photo, detector, choice)
             for number, (name, photo) in enumerate(zip(names, photos, strict=True))
@@ -85,7 +88,7 @@ def _detector(overrides: tuple[str, ...]) -> Any:  # noqa: ANN401  # a `Detector
 def _photo(image: Any) -> Photo:  # noqa: ANN401
     if isinstance(image, str | Path):
         return read_photo(image)
-    pixels = np.asarray(image)
+    pixels = np.asarray(ImageOps.exif_transpose(image) if isinstance(image, Image.Image) else image)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
         raise ValueError(
             f"An image has the shape {pixels.shape} and the type {pixels.dtype}; expected height × width × 3 "
@@ -110,6 +113,12 @@ def _camera(camera: Any, photos: int) -> CameraChoice:  # noqa: ANN401
     if matrices.shape not in ((3, 3), (photos, 3, 3)):
         raise ValueError(
             f"camera has the shape {matrices.shape}; expected (3, 3) or ({photos}, 3, 3)."
+        )
+    focal = matrices[..., [0, 1], [0, 1]]
+    if not (np.isfinite(matrices).all() and (focal > 0).all()):
+        raise ValueError(
+            "camera is no camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, finite, "
+            "with fx and fy above 0."
         )
     return given_cameras(matrices.reshape(-1, 3, 3))
 

@@ -16,9 +16,10 @@ from hand_recon.fitting.hand_records import HandRecords, joined_records
 from hand_recon.fitting.hands_file import hand_entries, writing_hands
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.records_of_fits import to_records
-from hand_recon.fitting.results import ResultOptions, write_png, write_results
+from hand_recon.fitting.results import ResultOptions, write_jpeg, write_png, write_results
 from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
 
+_IMAGES: Final = (".png", ".jpg", ".jpeg")
 _MESHES: Final = (".obj", ".ply", ".glb")
 
 
@@ -96,7 +97,7 @@ class ReconstructedHands:
         Of several photographs, the drawings are one below the other.
 
         Args:
-            path: PNG to write; not overwritten. None to write none.
+            path: File to write, `.png` or `.jpg`; not overwritten. None to write none.
             panel: Side of each panel of a row, pixels.
 
         Returns:
@@ -107,11 +108,13 @@ class ReconstructedHands:
             ValueError: No hand was fitted.
         """
         target = None if path is None else _free(path)
+        if target is not None and target.suffix.lower() not in _IMAGES:
+            raise ValueError(f"{target} names no kind of image; expected .png or .jpg.")
         if not self.fitted.any():
             raise ValueError("No hand was fitted, so that there is nothing to draw.")
         drawing = self._over_photos() if self.photos else self._rows(panel)
         if target is not None:
-            write_png(target, drawing)
+            (write_png if target.suffix.lower() == ".png" else write_jpeg)(target, drawing)
         return drawing
 
     def _rows(self, panel: int) -> UInt8[np.ndarray, "height width 3"]:
@@ -165,6 +168,11 @@ class ReconstructedHands:
                     write(self.records)
         elif suffix in _MESHES:
             self._save_meshes(_free(path))
+        elif suffix and not path.is_dir():
+            raise ValueError(
+                f"{path} has the suffix {path.suffix}; expected .json, .obj, .ply, .glb or a folder's name "
+                "without a suffix."
+            )
         else:
             write_results(path, self.parts, torch.from_numpy(self.faces), options)
         return path

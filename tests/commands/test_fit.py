@@ -12,6 +12,7 @@ import torch
 from omegaconf import DictConfig, open_dict
 
 from hand_recon.camera import project
+from hand_recon.fitting import in_parts
 from hand_recon.hand.model import HandModel
 from hand_recon.runs import fit_run
 from hand_recon.runs.fit_run import fit
@@ -194,7 +195,7 @@ def test_an_interrupted_fit_goes_on_with_all_of_its_results(
     landmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = (f"landmarks={landmarks}", "results.meshes=3", "results.pictures=3")
-    real, stops = fit_run.fit_in_parts, itertools.count()
+    real, stops = in_parts.fit_in_parts, itertools.count()
 
     def one_by_one(hands: Any, fitter: Any, **options: Any) -> Any:  # noqa: ANN401
         interrupted = next(stops) in (1, 2)

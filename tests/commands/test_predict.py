@@ -347,3 +347,90 @@ def test_the_python_call_takes_arrays_and_refuses_what_is_no_image(folder: Path)
         ValueError, match=r"'output=x' has no effect here: output is an argument of reconst"
     ):
         hand_recon.reconstruct(pixels, overrides=["output=x"])
+
+
+def test_landmarks_of_another_folder_belong_to_the_image_that_they_name(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Two images of one name, and landmarks in a file that lies elsewhere."""
+    photo = folder / "photos" / "1 two.png"
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    for number, name in enumerate(("p/a.png", "q/a.png")):
+        entries[number]["image"] = name
+        (folder / "lp" / name).parent.mkdir(parents=True)
+        (folder / "lp" / name).write_bytes(photo.read_bytes())
+    (folder / "elsewhere").mkdir()
+    file = folder / "elsewhere" / "l.json"
+    file.write_text(json.dumps(entries[:2]), encoding="utf-8")
+    words = (f"input=['{folder}/lp']", f"detector.landmarks='{file}'")
+    assert predict(asked(folder, *words))["hands"] == 2
+    for entry, given in zip(read(folder / "out"), entries, strict=False):
+        assert entry["image"] == given["image"]
+        assert entry["score"] is None
+        np.testing.assert_allclose(entry["observed_2d"], given["landmarks"], atol=1e-3)
+        assert entry["camera"]["intrinsics"] == CAMERA
+    # A name that could be either is an error of that image alone.
+    entries[1]["image"] = "a.png"
+    entries[0]["image"] = "x/a.png"
+    file.write_text(
+        json.dumps([*entries[:2], {**entries[1], "image": "y/a.png"}]), encoding="utf-8"
+    )
+    (folder / "lp" / "b.png").write_bytes(photo.read_bytes())
+    with pytest.raises(ValueError, match=r"No hand was fitted|could not be processed"):
+        predict(
+            asked(
+                folder,
+                f"input=['{folder}/lp/b.png']",
+                f"detector.landmarks='{file}'",
+                f"output='{folder}/b'",
+            )
+        )
+    assert "names this image" in caplog.text
+
+
+def test_confidences_of_a_landmark_file_reach_the_fit(folder: Path) -> None:
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    wrong = json.loads(json.dumps(entries[:1]))
+    wrong[0]["landmarks"][8][0] += 60
+    off = []
+    for confidence in (0.95, 0.02):
+        wrong[0]["confidence"] = [0.95] * 8 + [confidence] + [0.95] * 12
+        (folder / "found.json").write_text(json.dumps(wrong), encoding="utf-8")
+        photo = folder / "photos" / "1 two.png"
+        predict(
+            asked(folder, f"input=['{photo}']", f"output='{folder}/{confidence}'", "data_term=nll")
+        )
+        entry = read(folder / str(confidence))[0]
+        off.append(np.linalg.norm(np.subtract(entry["landmarks_2d"][8], entry["observed_2d"][8])))
+    assert off[1] > off[0] + 5
+
+
+def test_arrays_of_python_calls_are_checked(folder: Path, tmp_path: Path) -> None:
+    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
+    photo = folder / "photos" / "1 two.png"
+    for camera in (np.zeros((3, 3)), np.full((3, 3), np.nan), np.diag([1.0, -1.0, 1.0])):
+        with pytest.raises(ValueError, match="camera is no camera matrix"):
+            hand_recon.reconstruct(photo, camera=camera, overrides=settings)
+    hands = hand_recon.reconstruct(photo, camera=np.array(CAMERA), overrides=settings)
+    assert hands.records.intrinsics.tolist() == [CAMERA, CAMERA]
+    for name in ("hands.OBJ2", "run.1"):
+        with pytest.raises(
+            ValueError, match=r"expected \.json, \.obj, \.ply, \.glb or a folder's name"
+        ):
+            hands.save(tmp_path / name)
+    with pytest.raises(ValueError, match="names no kind of image"):
+        hands.draw(tmp_path / "hands.bmp")
+    hands.draw(tmp_path / "hands.jpg")
+    assert (tmp_path / "hands.jpg").read_bytes()[:2] == b"\xff\xd8"
+
+
+def test_an_image_of_pillow_is_turned_as_its_file_is(tmp_path: Path) -> None:
+    pixels = np.zeros((40, 60, 3), np.uint8)
+    image = Image.fromarray(pixels)
+    exif = image.getexif()
+    exif[0x0112] = 6
+    image.save(tmp_path / "turned.jpg", exif=exif)
+    from hand_recon.runs.reconstruct import _photo
+
+    with Image.open(tmp_path / "turned.jpg") as opened:
+        assert _photo(opened).size == _photo(tmp_path / "turned.jpg").size == (40, 60)

@@ -89,9 +89,24 @@ def test_the_longest_name_counts_and_a_tie_is_refused(tmp_path: Path) -> None:
     boxes = BoxFile(written(tmp_path, both))
     assert boxes.of(Path("/data/folder/a.jpg")) == [BOX]
     assert boxes.of(Path("/data/else/a.jpg")) == [GivenBox(1, 2, 3, 4)]
-    tie = BoxFile(written(tmp_path, {"x/a.jpg": [1, 2, 3, 4], "y/a.jpg": [1, 2, 3, 4]}))
-    with pytest.raises(ValueError, match=r"both x/a.jpg and y/a.jpg could be the image a.jpg"):
+    tie = BoxFile(written(tmp_path, {"/m/x/a.jpg": [1, 2, 3, 4], "/m/y/a.jpg": [1, 2, 3, 4]}))
+    with pytest.raises(
+        ValueError, match=r"both /m/x/a.jpg and /m/y/a.jpg could be the image a.jpg"
+    ):
         tie.of(Path("a.jpg"))
+
+
+def test_a_match_does_not_depend_on_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes = BoxFile(written(tmp_path, {"x/a.jpg": [1, 2, 3, 4], "y/a.jpg": [10, 20, 30, 60]}))
+    for folder in (tmp_path, tmp_path / "y"):
+        folder.mkdir(exist_ok=True)
+        monkeypatch.chdir(folder)
+        image = (tmp_path / "y" / "a.jpg").relative_to(folder)
+        assert boxes.of(image) == [BOX]
+    monkeypatch.chdir(tmp_path)
+    assert boxes.of(Path("a.jpg")) is None
 
 
 @pytest.mark.parametrize(

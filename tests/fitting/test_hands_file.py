@@ -237,7 +237,7 @@ Entry = dict[str, Any]
         (lambda a: a.update(verdict="not fitted"), "landmarks_3d is .*; expected null, because the"),
         (lambda a: a.update(reasons="x"), "reasons is x; expected a list of sentences"),
         (lambda a: a.update(image=3), "image is 3; expected a file name or null"),
-        (lambda a: a["joint_angles_degrees"].pop("thumb IP"), "'joint_angles_degrees' is .* without thumb IP"),
+        (lambda a: a["joint_angles_degrees"].pop("thumb IP"), "joint_angles_degrees' is .* without thumb"),
         (lambda a: a["joint_angles_degrees"]["thumb IP"].pop("bend"), "thumb IP is an object without bend"),
         (lambda a: a.update(shape=None), r"shape is null; expected finite numbers of shape \(10,\)"),
         (lambda a: a["shape"].pop(), r"shape is \[.*; expected finite numbers of shape \(10,\)"),

@@ -70,7 +70,7 @@ def test_matrices_of_a_file_are_for_all_photographs_or_one_each(tmp_path: Path) 
     given = with_given_camera(hands, parse_camera(str(file), 2), 1)
     assert given.intrinsics is not None
     assert given.intrinsics.tolist() == [two, two]
-    with pytest.raises(ValueError, match="2 camera matrices for 3"):
+    with pytest.raises(ValueError, match="2 cameras for 3 photographs"):
         parse_camera(str(file), 3)
     arrays = with_given_camera(hands, given_cameras(np.array([two])), 7)
     assert arrays.intrinsics is not None

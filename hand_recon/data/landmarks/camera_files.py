@@ -33,14 +33,14 @@ class CameraFile:
     """Width and height of the image that each matrix is for, pixels; NaN where unknown."""
 
 
-def read_camera_file(path: Path, hands: int) -> CameraFile:
+def read_camera_file(path: Path, hands: int | None) -> CameraFile:
     """Cameras with lens distortion and image size, checked.
 
     Args:
         path: JSON with one 3×3 matrix or a list of them (FreiHAND's `training_K.json`), or with further keys
             (`hand_recon.data.landmarks.camera_formats`); YAML or XML of OpenCV, ROS or Kalibr; COLMAP's
             `cameras.txt`; text with nine numbers per matrix; or `.npy`.
-        hands: Number of hands; a single camera is used for all.
+        hands: Number of hands; a single camera is used for all. None for any number of cameras.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -53,7 +53,7 @@ def read_camera_file(path: Path, hands: int) -> CameraFile:
     entries = _entries(path)
     cameras = [to_camera_matrices(path, entry.matrix) for entry in entries]
     count = sum(map(len, cameras))
-    if count not in (1, hands):
+    if hands is not None and count not in (1, hands):
         raise ValueError(
             f"{path} holds {count} camera matrices for {hands} hands; expected one for all, or one for "
             "each in the order of the landmarks."

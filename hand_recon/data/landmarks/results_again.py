@@ -32,8 +32,8 @@ def entries_of_results(
 ) -> tuple[list[dict[str, Any]], str]:
     """Reconstructed hands as objects with `landmarks`, `intrinsics` and `image_size`.
 
-    The landmarks are the observed ones where the file has them, else the projections. The cameras are those of
-    the file if all hands have a known one; otherwise all are left out, with a warning.
+    The landmarks are the observed ones where the file has them, else the projections. The cameras are those
+    of the file if all hands have a known one; otherwise all are left out, with a warning.
 
     Args:
         path: The file, for messages.
@@ -83,7 +83,7 @@ def _cameras_of_results(
     known = sum(camera is not None for camera in cameras)
     if unknown and known:
         logger.warning(
-            "%s: %d of %d hands have no known camera, so that the known cameras of %d hands are left out. Fit "
+            "%s: %d of %d hands have no known camera, so that the known cameras of %d are left out. Fit "
             "them in a file of their own, or give the camera of all with intrinsics=<file>.",
             path, unknown, len(content), known,
         )  # fmt: skip

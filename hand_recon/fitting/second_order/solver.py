@@ -33,7 +33,7 @@ class Round:
     steps: int
     """Steps of each of them."""
     look_up: bool = False
-    """Whether two more starts follow from looking the fingers up with the best start's palm."""
+    """True if two more starts follow from looking the fingers up with the best start's palm."""
 
 
 ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4), Round(2, 6))
@@ -48,7 +48,7 @@ APART: Final = Limits(iterations=8, tolerance=1e-3, largest_angle=0.2)
 
 @dataclass(frozen=True)
 class SecondOrder:
-    """What a second-order fit of one hand model on one loss needs, computed once for all batches."""
+    """Second-order fit of one hand model on one loss, with what is computed once for all batches."""
 
     objective: Objective
     """The loss, with its data term in the last stage."""
