@@ -256,7 +256,7 @@ def test_known_cameras_beside_assumed_ones_are_left_out_and_counted(
 ) -> None:
     hands = [result(0, "given"), result(1, "assumed"), result(0, "EXIF")]
     assert read_landmarks(written(tmp_path, hands)).intrinsics is None
-    assert "1 of 3 hands have no known camera, so that the known cameras of 2 hands" in caplog.text
+    assert "1 of 3 hands have no known camera, so that the known cameras of 2 are left out" in caplog.text
     caplog.clear()
     assert read_landmarks(written(tmp_path, [result(0, "assumed")] * 2)).intrinsics is None
     assert "known camera" not in caplog.text
@@ -274,7 +274,7 @@ def test_a_hand_without_a_result_has_the_camera_of_its_image(
     np.testing.assert_allclose(found.landmarks_2d[1].numpy(), POINTS[1])
     elsewhere = [result(0, "given"), result(1, None, **no_result)]
     assert read_landmarks(written(tmp_path, elsewhere)).intrinsics is None
-    assert "known cameras of 1 hands are left out" in caplog.text
+    assert "known cameras of 1 are left out" in caplog.text
     few = [*POINTS[1][:3].tolist(), *[None] * 18]
     seen = read_landmarks(
         written(tmp_path, [result(0, "given"), result(1, None, **no_result, observed_2d=few)])
