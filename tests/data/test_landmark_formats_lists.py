@@ -256,7 +256,10 @@ def test_known_cameras_beside_assumed_ones_are_left_out_and_counted(
 ) -> None:
     hands = [result(0, "given"), result(1, "assumed"), result(0, "EXIF")]
     assert read_landmarks(written(tmp_path, hands)).intrinsics is None
-    assert "1 of 3 hands have no known camera, so that the known cameras of 2 are left out" in caplog.text
+    assert (
+        "1 of 3 hands have no known camera, so that the known cameras of 2 are left out"
+        in caplog.text
+    )
     caplog.clear()
     assert read_landmarks(written(tmp_path, [result(0, "assumed")] * 2)).intrinsics is None
     assert "known camera" not in caplog.text
