@@ -89,6 +89,14 @@ class HandRecords:
         """Mask of the hands with a result, plausible or doubtful."""
         return np.array([verdict != "not fitted" for verdict in self.verdicts], dtype=bool)
 
+    def counts(self) -> dict[str, int]:
+        """Numbers of hands, of fitted and of doubtful ones."""
+        return {
+            "hands": len(self),
+            "fitted": int(self.fitted.sum()),
+            "doubtful": self.verdicts.count("doubtful"),
+        }
+
     @property
     def intrinsics_known(self) -> Bool[np.ndarray, " hand"]:
         """Mask of the hands whose camera matrix was not assumed."""

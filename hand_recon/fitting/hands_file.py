@@ -31,7 +31,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 import numpy as np
 
@@ -138,31 +138,42 @@ def writing_hands(
     unfinished = path.with_name(f"{path.name}.part")
     # What an interrupted run wrote is replaced only by a file that holds all of it.
     beginning = unfinished if done is None else path.with_name(f"{path.name}.part.new")
-    with beginning.open("x" if done is None else "w", encoding="utf-8") as stream:
-        separator = "[\n"
+    with (
+        beginning.open("x" if done is None else "w", encoding="utf-8") as stream,
+        writing_list(stream) as write,
+    ):
+        if done is not None:
+            write(done)
+            os.fsync(stream.fileno())
+            os.replace(beginning, unfinished)
+        yield lambda hands: write(hand_entries(hands))
+    unfinished.rename(path)
 
-        def write_entry(entry: dict[str, Any]) -> None:
-            nonlocal separator
+
+@contextmanager
+def writing_list(stream: TextIO) -> Iterator[Callable[[Iterable[dict[str, Any]]], None]]:
+    """Write objects as a JSON list, one to a line; the list is complete after an error, too.
+
+    Args:
+        stream: Text to write to; flushed with every call of the function that is yielded.
+
+    Raises:
+        ValueError: A number that must be finite is not.
+    """
+    separator = "[\n"
+
+    def write(entries: Iterable[dict[str, Any]]) -> None:
+        nonlocal separator
+        for entry in entries:
             # NaN is not JSON, and most readers refuse a file with it.
             stream.write(separator + json.dumps(entry, allow_nan=False, ensure_ascii=False))
             separator = ",\n"
+        stream.flush()
 
-        def write(hands: HandRecords) -> None:
-            for entry in hand_entries(hands):
-                write_entry(entry)
-            stream.flush()
-
-        for entry in done or ():
-            write_entry(entry)
-        if done is not None:
-            stream.flush()
-            os.fsync(stream.fileno())
-            os.replace(beginning, unfinished)
-        try:
-            yield write
-        finally:
-            stream.write("\n]\n" if separator.startswith(",") else "[]\n")
-    unfinished.rename(path)
+    try:
+        yield write
+    finally:
+        stream.write("\n]\n" if separator.startswith(",") else "[]\n")
 
 
 def entries_so_far(path: Path) -> list[dict[str, Any]]:

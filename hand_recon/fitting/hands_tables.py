@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.fitting.hand_records import HandRecords
-from hand_recon.fitting.hands_file import DECIMALS, read_hands
+from hand_recon.fitting.hands_file import DECIMALS
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
 
 ANGLES: Final = tuple(
@@ -30,14 +30,13 @@ LANDMARK_COLUMNS: Final = (
 """Columns of `landmarks.csv`, 21 rows per hand."""
 
 
-def write_tables(folder: Path, hands_file: Path) -> None:
-    """Write `hands.csv` and `landmarks.csv` of a file of hands; numbers that are missing are empty cells.
+def write_tables(folder: Path, hands: HandRecords) -> None:
+    """Write `hands.csv` and `landmarks.csv`; numbers that are missing are empty cells.
 
     Args:
         folder: Folder of the tables.
-        hands_file: The file of hands.
+        hands: The hands.
     """
-    hands = read_hands(hands_file)
     _write(folder / "hands.csv", HAND_COLUMNS, _hand_rows(hands))
     _write(folder / "landmarks.csv", LANDMARK_COLUMNS, _landmark_rows(hands))
 

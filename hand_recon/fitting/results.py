@@ -118,8 +118,8 @@ def write_results(
                     extras.add(part, position, number + position)
             number += len(part)
             write(to_records(part))
-    write_tables(folder, path)
     hands = read_hands(path)
+    write_tables(folder, hands)
     extras.finish(hands)
     summary = summary_of(hands)
     _print_summary(summary, folder)
@@ -206,12 +206,7 @@ def summary_of(hands: HandRecords) -> dict[str, float]:
         hands: All hands of a fit.
     """
     fitted = hands.fitted
-    counts: dict[str, float] = {
-        "hands": len(hands),
-        "fitted": int(fitted.sum()),
-        "doubtful": hands.verdicts.count("doubtful"),
-        "left": hands.sides.count("left"),
-    }
+    counts: dict[str, float] = {**hands.counts(), "left": hands.sides.count("left")}
     distance = np.linalg.norm(hands.landmarks_2d - hands.observed_2d, axis=-1)
     known = np.isfinite(distance)
     if not known.any():

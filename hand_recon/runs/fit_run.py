@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -170,10 +171,25 @@ def check_outcome(summary: dict[str, float], *, strict: bool) -> None:
     Raises:
         ValueError: No hand was fitted; or strict, and a hand is doubtful or not fitted.
     """
+    if not summary["fitted"]:
+        raise ValueError(
+            f"No hand was fitted, of {summary['hands']}; hands.json has the reason of each."
+        )
+    if strict:
+        refuse_doubts(summary)
+
+
+def refuse_doubts(summary: Mapping[str, float]) -> None:
+    """Check that every hand is fitted and none is doubtful.
+
+    Args:
+        summary: Number of hands, of fitted and of doubtful ones.
+
+    Raises:
+        ValueError: A hand is doubtful or not fitted.
+    """
     hands, fitted, doubtful = (int(summary[key]) for key in ("hands", "fitted", "doubtful"))
-    if not fitted:
-        raise ValueError(f"No hand was fitted, of {hands}; hands.json has the reason of each.")
-    if strict and (doubtful or fitted < hands):
+    if doubtful or fitted < hands:
         raise ValueError(
             f"{doubtful} of {hands} hands are doubtful and {hands - fitted} are not fitted, which strict "
             "refuses; hands.json has the reason of each."

@@ -77,10 +77,13 @@ class PhotoResults:
     ) -> None:
         self.folder, self.faces, self.options = folder, faces, options
         self.rows: list[dict[str, Any]] = []
+        self.summary: dict[str, int] = {}
 
     @contextmanager
     def writing(self, *, goes_on: bool) -> Iterator[list[str]]:
         """Open the files, and complete them at the end; yields the names of photographs that are done.
+
+        `summary` then has the numbers of images, of images that could not be processed, and of hands.
 
         Args:
             goes_on: True to keep the photographs that an interrupted run finished.
@@ -99,12 +102,15 @@ class PhotoResults:
             _appending(progress, batches) as self.record,
         ):
             yield done
+        records = read_hands(hands)
         _write_table(self.folder / "images.csv", self.rows)
-        write_tables(self.folder, hands)
+        write_tables(self.folder, records)
         if self.options.overlays:
-            self._gallery(read_hands(hands))
+            self._gallery(records)
         progress.unlink()
-        self._report()
+        failed = sum(bool(row["error"]) for row in self.rows)
+        self.summary = {"images": len(self.rows), "failed": failed, **records.counts()}
+        self._report(records)
 
     def add(self, batch: Sequence[LookedAt], part: FittedHands | None) -> None:
         """Write the hands of some photographs.
@@ -195,28 +201,16 @@ class PhotoResults:
         ]
         write_gallery(self.folder, entries, "Reconstructed hands")
 
-    def summary(self) -> dict[str, Any]:
-        """Numbers of images, of images that could not be processed, of hands, fitted and doubtful ones."""
-        hands = read_hands(self.folder / "hands.json")
-        verdicts = Counter(hands.verdicts)
-        return {
-            "images": len(self.rows),
-            "failed": sum(bool(row["error"]) for row in self.rows),
-            "hands": len(hands),
-            "fitted": len(hands) - verdicts["not fitted"],
-            "doubtful": verdicts["doubtful"],
-        }
-
-    def _report(self) -> None:
+    def _report(self, hands: HandRecords) -> None:
         """Print the counts, on standard error."""
         table = Table(title=str(self.folder), show_header=False)
         table.add_column("what")
         table.add_column("value", justify="right")
         empty = sum(not row["error"] and int(row["hands"]) == 0 for row in self.rows)
-        cameras = Counter(read_hands(self.folder / "hands.json").cameras)
+        cameras = Counter(hands.cameras)
         further = [("images without hands", empty)]
         further += [(f"hands with the camera: {name}", count) for name, count in cameras.items()]
-        for what, count in (*self.summary().items(), *further):
+        for what, count in (*self.summary.items(), *further):
             table.add_row(_MEANINGS.get(what, what), str(count))
         console = Console(stderr=True)
         console.print(table)

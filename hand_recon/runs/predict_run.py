@@ -1,10 +1,10 @@
 """Finds the hands of photographs and reconstructs them: detector, fit, results (Sec. 3.2-3.4)."""
 
-import json
 import logging
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -15,12 +15,12 @@ from hand_recon import __version__
 from hand_recon.data.photos.listing import photo_files
 from hand_recon.data.progress import with_progress
 from hand_recon.fitting.fitted_hands import FittedHands
-from hand_recon.fitting.hands_file import hand_entries
+from hand_recon.fitting.hands_file import hand_entries, writing_list
 from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter, refuse_doubts, source_of
 from hand_recon.runs.looking import (
     LookedAt,
     build_detector,
@@ -162,18 +162,15 @@ def _batches(looked: Iterator[LookedAt]) -> Iterator[list[LookedAt]]:
 
 def _to_stream(stages: _Stages) -> dict[str, Any]:
     """Write the hands to standard output as a JSON list, a hand to a line."""
-    summary = _Summary()
-    separator = "["
-    for batch, part in stages.fitted():
-        records = None if part is None else to_records(part)
-        summary.add(batch, () if records is None else records.verdicts)
-        for entry in () if records is None else hand_entries(records):
-            line = json.dumps(entry, allow_nan=False, ensure_ascii=False)
-            sys.stdout.write(f"{separator}\n{line}")
-            separator = ","
-        sys.stdout.flush()
-    sys.stdout.write("[]\n" if separator == "[" else "\n]\n")
-    return summary.numbers()
+    summary = Counter(images=0, failed=0, hands=0, fitted=0, doubtful=0)
+    with writing_list(sys.stdout) as write:
+        for batch, part in stages.fitted():
+            summary.update(images=len(batch), failed=sum(one.error is not None for one in batch))
+            if part is not None:
+                records = to_records(part)
+                summary.update(records.counts())
+                write(hand_entries(records))
+    return dict(summary)
 
 
 def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
@@ -196,31 +193,12 @@ def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
     if config.json == "-":
         sys.stdout.write((folder / "hands.json").read_text(encoding="utf-8"))
     finish(folder)
-    return results.summary()
-
-
-class _Summary:
-    """Counts of images and hands."""
-
-    def __init__(self) -> None:
-        self.images = self.failed = self.hands = self.fitted = self.doubtful = 0
-
-    def add(self, batch: Sequence[LookedAt], verdicts: Sequence[str]) -> None:
-        """Add photographs and the verdicts on their hands."""
-        self.images += len(batch)
-        self.failed += sum(one.error is not None for one in batch)
-        self.hands += len(verdicts)
-        self.doubtful += list(verdicts).count("doubtful")
-        self.fitted += len(verdicts) - list(verdicts).count("not fitted")
-
-    def numbers(self) -> dict[str, Any]:
-        """The counts by name."""
-        return dict(vars(self))
+    return results.summary
 
 
 def _check(summary: dict[str, Any], *, strict: bool) -> None:
     """Check that everything was processed, which is what status 0 stands for."""
-    images, hands, doubtful = (summary[key] for key in ("images", "hands", "doubtful"))
+    images = summary["images"]
     if summary["failed"]:
         raise ValueError(
             f"{summary['failed']} of {images} images could not be processed, for the reasons above; the "
@@ -232,8 +210,5 @@ def _check(summary: dict[str, Any], *, strict: bool) -> None:
             "blurred; detector.min_palm_score=0.3 looks less strictly, and detector=whole takes each image "
             "for one hand."
         )
-    if strict and (doubtful or summary["fitted"] < hands):
-        raise ValueError(
-            f"{doubtful} of {hands} hands are doubtful and {hands - summary['fitted']} are not fitted, which "
-            "strict=true refuses; hands.json has the reason of each."
-        )
+    if strict:
+        refuse_doubts(summary)
