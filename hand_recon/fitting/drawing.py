@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.rendering.mesh_files import NamedMesh, write_meshes
-from hand_recon.visualization.hand_overlay import DrawnHand
+from hand_recon.visualization.hand_overlay import DrawnHand, OverlayStyle
+
+PHOTO_STYLE: Final = OverlayStyle(smallest=480)
+"""Drawings have the resolution of their photographs; smaller ones are enlarged to this many pixels."""
 
 
 def drawn_hand(

@@ -62,13 +62,25 @@ def fitted_image(part: FittedHands, position: int, number: int) -> FittedImage:
     side = "left" if bool(observed.left[position]) else "right"
     residual = float(part.distance[position].nanmean())
     return FittedImage(
-        caption=f"{number}: {observed.names[position]}, {side}, {residual:.1f} px",
+        caption=row_caption(number, observed.names[position], side, residual),
         given=observed.landmarks_2d[position].numpy(),
         found=found.landmarks_2d[position].double().numpy(),
         vertices=found.vertices[position].double().numpy(),
         intrinsics=found.intrinsics[position].double().numpy(),
         image=image,
     )
+
+
+def row_caption(number: int, name: str, side: str, residual: float) -> str:
+    """Caption of the row of a hand.
+
+    Args:
+        number: Index of the hand among all hands.
+        name: Its name.
+        side: `left` or `right`.
+        residual: Mean distance to the given landmarks, pixels of the image.
+    """
+    return f"{number}: {name}, {side}, {residual:.1f} px"
 
 
 def draw_fitted(

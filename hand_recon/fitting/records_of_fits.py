@@ -7,17 +7,12 @@ from torch import Tensor
 from hand_recon import __version__
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords
-from hand_recon.fitting.verdict import Verdict, verdicts
+from hand_recon.fitting.verdict import verdicts
 
 
-def to_records(hands: FittedHands, judged: list[Verdict] | None = None) -> HandRecords:
-    """Records of fitted hands.
-
-    Args:
-        hands: The hands.
-        judged: Their verdicts, if they are known already.
-    """
-    judged = judged or verdicts(hands, [origin.image_size for origin in hands.origins])
+def to_records(hands: FittedHands) -> HandRecords:
+    """Records of fitted hands, judged."""
+    judged = verdicts(hands, [origin.image_size for origin in hands.origins])
     found, parameters, fitted = hands.prediction, hands.prediction.parameters, hands.fitted
     observed, origins = hands.observed, hands.origins
 

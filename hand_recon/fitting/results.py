@@ -15,7 +15,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from rich.console import Console
 from rich.table import Table
 from torch import Tensor
@@ -28,12 +28,13 @@ from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import read_hands, writing_hands
 from hand_recon.fitting.hands_tables import write_tables
-from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
+from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image, row_caption
 from hand_recon.fitting.records_of_fits import to_records
+from hand_recon.rendering.mesh_files import MESH_SUFFIXES
 
 logger = logging.getLogger(__name__)
 
-MESH_FORMATS: Final = ("obj", "ply", "glb")
+MESH_FORMATS: Final = tuple(suffix.removeprefix(".") for suffix in MESH_SUFFIXES)
 """File formats of meshes."""
 
 PRODUCTS: Final = (
@@ -61,10 +62,17 @@ class ResultOptions:
     """Side of each panel of an image, pixels."""
 
     def __post_init__(self) -> None:
-        if self.mesh_format not in MESH_FORMATS:
-            raise ValueError(
-                f"Unknown format of meshes {self.mesh_format!r}; choose one of {list(MESH_FORMATS)}."
-            )
+        check_mesh_format(self.mesh_format)
+
+
+def check_mesh_format(name: str) -> None:
+    """Check the name of a format of meshes.
+
+    Raises:
+        ValueError: It is not one of `MESH_FORMATS`.
+    """
+    if name not in MESH_FORMATS:
+        raise ValueError(f"Unknown format of meshes {name!r}; choose one of {list(MESH_FORMATS)}.")
 
 
 def claim_results_folder(path: str | Path, *further: str) -> Path:
@@ -150,7 +158,7 @@ class _MeshesAndImages:
             save_meshes(target, vertices, [side], self.faces)
         if number < self.options.pictures:
             row = draw_fitted(fitted_image(part, position, number), self.faces, self.options.panel)
-            write_png(self._folder("pictures") / f"{name}.png", row)
+            write_image(self._folder("pictures") / f"{name}.png", row)
 
     def finish(self, hands: HandRecords) -> None:
         """Write the contact sheet, and log how many meshes and images were left out."""
@@ -161,9 +169,9 @@ class _MeshesAndImages:
             if picture is not None:
                 rows.append(picture)
                 residual = hands.residual[number]
-                captions.append(f"{number}: {name}, {hands.sides[number]}, {residual:.1f} px")
+                captions.append(row_caption(number, name, hands.sides[number], float(residual)))
         if rows:
-            write_png(self.folder / "fits.png", contact_sheet(rows, captions))
+            write_image(self.folder / "fits.png", contact_sheet(rows, captions))
         for what, most in (("meshes", self.options.meshes), ("pictures", self.options.pictures)):
             if len(hands) > most > 0:
                 logger.info(
@@ -184,19 +192,17 @@ def file_name(name: str, number: int) -> str:
     return f"{number:06d}" if safe in ("", str(number)) else f"{number:06d}_{safe}"
 
 
-def write_png(path: Path, image: np.ndarray) -> None:
-    """Write an RGB image as a PNG file."""
-    # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
-    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+"""Suffixes of the files that `write_image` writes."""
 
 
-def write_jpeg(path: Path, image: np.ndarray) -> None:
-    """Write an RGB image as a JPEG file."""
+def write_image(path: Path, image: UInt8[np.ndarray, "height width 3"]) -> None:
+    """Write an RGB image as PNG or JPEG, by the file's suffix, one of `IMAGE_SUFFIXES`."""
+    suffix = path.suffix.lower()
+    options = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 90]
     # Through bytes: cv2.imwrite fails without an error on paths with letters outside ASCII on some systems.
-    options = [cv2.IMWRITE_JPEG_QUALITY, 90]
-    path.write_bytes(
-        cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
-    )
+    code = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1]
+    path.write_bytes(code.tobytes())
 
 
 def summary_of(hands: HandRecords) -> dict[str, float]:

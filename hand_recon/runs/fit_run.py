@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from hand_recon import __version__
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
@@ -34,7 +33,7 @@ from hand_recon.runs.unfinished import (
     file_state,
     finish,
     results_folder,
-    states_of_files,
+    settings_of,
 )
 from hand_recon.schema import HandBatch
 
@@ -63,12 +62,8 @@ def fit(config: DictConfig) -> dict[str, Any]:
     folder = results_folder(config)
     if config.landmarks is None:
         return _fit_dataset(config, folder)
-    settings = {
-        "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
-        "landmarks": _states(config.landmarks),
-        "files": states_of_files(config, ("intrinsics", "lifter", "hand.path")),
-        "version": __version__,
-    }
+    settings = settings_of(config, ("intrinsics", "lifter", "hand.path"))
+    settings["landmarks"] = _states(config.landmarks)
     options = instantiate(config.results)
     goes_on = claim_or_resume(folder, (*PRODUCTS, "config.yaml"), settings)
     landmarks = read_landmarks(
@@ -97,10 +92,6 @@ def fit(config: DictConfig) -> dict[str, Any]:
     finish(folder)
     check_outcome(summary, strict=config.strict)
     return summary
-
-
-_NO_RESULT: Final = frozenset({"output", "threads", "strict", "paths", "landmarks", "name"})
-"""Settings that the numbers of the results do not depend on."""
 
 
 def _states(path: str) -> list[list[Any]]:

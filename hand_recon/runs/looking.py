@@ -83,17 +83,16 @@ def look_at(
 ) -> LookedAt:
     """Find the hands of a photograph; arguments as for `look_at_file`."""
     start = time.perf_counter()
-    file = photo.path if photo.path.name else None
     try:
-        found = detector(photo.pixels, file)
+        found = detector(photo.pixels, photo.path)
     except ValueError as error:
         # Such as a name in a file of boxes that could be either of two images.
         logger.error("%s: %s", name, error)
-        return LookedAt(number, name, file, photo.size, error=str(error))
+        return LookedAt(number, name, photo.path, photo.size, error=str(error))
     seconds = {"detect": time.perf_counter() - start}
     for sentence in found.dropped:
         logger.log(logging.INFO if found.hands else logging.WARNING, "%s: %s", name, sentence)
-    seen = LookedAt(number, name, file, photo.size, found.hands, seconds=seconds)
+    seen = LookedAt(number, name, photo.path, photo.size, found.hands, seconds=seconds)
     try:
         return _with_camera(seen, photo, camera)
     except ValueError as error:
@@ -129,7 +128,7 @@ def photo_of_array(pixels: UInt8[np.ndarray, "height width 3"]) -> Photo:
     """An RGB array as a photograph without a file."""
     return Photo(
         pixels=pixels,
-        path=Path(),
+        path=None,
         stored_size=(pixels.shape[1], pixels.shape[0]),
         orientation=1,
     )

@@ -19,16 +19,16 @@ from rich.table import Table
 
 from hand_recon.data.photos.formats import PhotoError
 from hand_recon.data.photos.photo import read_photo
-from hand_recon.fitting.drawing import drawn_hand, save_meshes
+from hand_recon.fitting.drawing import PHOTO_STYLE, drawn_hand, save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import entries_so_far, read_hands, writing_hands
 from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.records_of_fits import to_records
-from hand_recon.fitting.results import MESH_FORMATS, file_name, write_jpeg
+from hand_recon.fitting.results import check_mesh_format, file_name, write_image
 from hand_recon.runs.looking import LookedAt
 from hand_recon.visualization.gallery import GalleryEntry, GalleryHand, write_gallery
-from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
+from hand_recon.visualization.hand_overlay import draw_hands
 
 logger = logging.getLogger(__name__)
 
@@ -45,10 +45,6 @@ COLUMNS: Final = (
 """Columns of `images.csv`."""
 
 
-STYLE: Final = OverlayStyle(smallest=480)
-"""Drawings have the resolution of their photographs; smaller ones are enlarged to this many pixels."""
-
-
 @dataclass(frozen=True)
 class PhotoOptions:
     """Options for the results besides `hands.json` and the tables.
@@ -60,13 +56,11 @@ class PhotoOptions:
     overlays: bool = True
     """True for an image of each photograph with its hands, and `index.html`."""
     meshes: str | None = None
-    """Format of the meshes, one of `MESH_FORMATS`; None for no meshes."""
+    """Format of the meshes, one of `hand_recon.fitting.results.MESH_FORMATS`; None for no meshes."""
 
     def __post_init__(self) -> None:
-        if self.meshes is not None and self.meshes not in MESH_FORMATS:
-            raise ValueError(
-                f"Unknown format of meshes {self.meshes!r}; choose one of {list(MESH_FORMATS)}."
-            )
+        if self.meshes is not None:
+            check_mesh_format(self.meshes)
 
 
 class PhotoResults:
@@ -173,8 +167,8 @@ class PhotoResults:
         except PhotoError as error:
             logger.warning("%s is not drawn: it could be read before, and now: %s", one.name, error)
             return ""
-        image = draw_hands(pixels, drawn, self.faces, STYLE)
-        write_jpeg(_made(self.folder / "overlays") / f"{name}.jpg", image)
+        image = draw_hands(pixels, drawn, self.faces, PHOTO_STYLE)
+        write_image(_made(self.folder / "overlays") / f"{name}.jpg", image)
         return f"overlays/{name}.jpg"
 
     def _gallery(self, hands: HandRecords) -> None:

@@ -11,7 +11,6 @@ from typing import Any, Final
 
 from omegaconf import DictConfig, OmegaConf
 
-from hand_recon import __version__
 from hand_recon.data.photos.listing import photo_files
 from hand_recon.data.progress import with_progress
 from hand_recon.fitting.fitted_hands import FittedHands
@@ -35,7 +34,7 @@ from hand_recon.runs.unfinished import (
     file_state,
     finish,
     results_folder,
-    states_of_files,
+    settings_of,
 )
 
 logger = logging.getLogger(__name__)
@@ -44,7 +43,6 @@ PHOTOS_AT_ONCE: Final = 32
 """Most photographs whose hands are fitted in one batch."""
 
 _FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path")
-_NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "name"})
 
 
 def predict(config: DictConfig) -> dict[str, Any]:
@@ -176,12 +174,8 @@ def _to_stream(stages: _Stages) -> dict[str, Any]:
 def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
     """Write the hands and pictures of them to a folder, or go on in one that an interrupted run left."""
     folder = results_folder(config)
-    settings = {
-        "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
-        "images": [file_state(path) for path in stages.files],
-        "files": states_of_files(config, _FILES),
-        "version": __version__,
-    }
+    settings = settings_of(config, _FILES)
+    settings["images"] = [file_state(path) for path in stages.files]
     options = instantiate(config.results)
     goes_on = claim_or_resume(folder, (*PHOTO_PRODUCTS, "config.yaml"), settings)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")

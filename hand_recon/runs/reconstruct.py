@@ -11,7 +11,7 @@ from PIL import Image, ImageOps
 
 from hand_recon.command_line.composing import composed
 from hand_recon.data.photos.photo import Photo, read_photo
-from hand_recon.fitting.in_parts import PART, fit_part
+from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_landmarks import check_overrides
@@ -66,13 +66,7 @@ def reconstruct(
         ]
         _refuse_errors(looked)
         landmarks, origins = to_landmarks(looked, source_of(config, hand, detector.name))
-        fitter = build_fitter(config, hand)
-        parts = tuple(
-            fit_part(part, fitter, origins[start : start + len(part)])
-            for start, part in zip(
-                range(0, len(landmarks), PART), landmarks.parts(PART), strict=True
-            )
-        )
+        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand), origins=origins))
     owners = tuple(one.number for one in looked for _ in one.hands)
     return ReconstructedHands(
         parts, hand.faces.numpy(), tuple(photo.pixels for photo in photos), owners

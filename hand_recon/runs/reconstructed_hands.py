@@ -4,23 +4,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hand_recon.fitting.drawing import drawn_hand, save_meshes
+from hand_recon.fitting.drawing import PHOTO_STYLE, drawn_hand, save_meshes
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hand_records import HandRecords, joined_records
 from hand_recon.fitting.hands_file import hand_entries, writing_hands
 from hand_recon.fitting.images import contact_sheet, draw_fitted, fitted_image
 from hand_recon.fitting.records_of_fits import to_records
-from hand_recon.fitting.results import ResultOptions, write_jpeg, write_png, write_results
-from hand_recon.visualization.hand_overlay import OverlayStyle, draw_hands
-
-_IMAGES: Final = (".png", ".jpg", ".jpeg")
-_MESHES: Final = (".obj", ".ply", ".glb")
+from hand_recon.fitting.results import IMAGE_SUFFIXES, ResultOptions, write_image, write_results
+from hand_recon.rendering.mesh_files import MESH_SUFFIXES
+from hand_recon.visualization.hand_overlay import draw_hands
 
 
 @dataclass(frozen=True)
@@ -108,13 +106,13 @@ class ReconstructedHands:
             ValueError: No hand was fitted.
         """
         target = None if path is None else _free(path)
-        if target is not None and target.suffix.lower() not in _IMAGES:
+        if target is not None and target.suffix.lower() not in IMAGE_SUFFIXES:
             raise ValueError(f"{target} names no kind of image; expected .png or .jpg.")
         if not self.fitted.any():
             raise ValueError("No hand was fitted, so that there is nothing to draw.")
         drawing = self._over_photos() if self.photos else self._rows(panel)
         if target is not None:
-            (write_png if target.suffix.lower() == ".png" else write_jpeg)(target, drawing)
+            write_image(target, drawing)
         return drawing
 
     def _rows(self, panel: int) -> UInt8[np.ndarray, "height width 3"]:
@@ -129,15 +127,15 @@ class ReconstructedHands:
         return contact_sheet(rows, captions)
 
     def _over_photos(self) -> UInt8[np.ndarray, "height width 3"]:
-        drawings = []
+        drawings, vertices, fitted = [], self.vertices, self.fitted
         for photo, pixels in enumerate(self.photos):
             hands = [hand for hand, of in enumerate(self.photo_of_hand) if of == photo]
             drawn = [
-                drawn_hand(self.records, self.vertices, hand, str(number))
+                drawn_hand(self.records, vertices, hand, str(number))
                 for number, hand in enumerate(hands, start=1)
-                if self.fitted[hand]
+                if fitted[hand]
             ]
-            drawings.append(draw_hands(pixels, drawn, self.faces, OverlayStyle(smallest=480)))
+            drawings.append(draw_hands(pixels, drawn, self.faces, PHOTO_STYLE))
         width = max(one.shape[1] for one in drawings)
         return np.concatenate(
             [
@@ -166,7 +164,7 @@ class ReconstructedHands:
             with writing_hands(_free(path)) as write:
                 if len(self):
                     write(self.records)
-        elif suffix in _MESHES:
+        elif suffix in MESH_SUFFIXES:
             self._save_meshes(_free(path))
         elif suffix and not path.is_dir():
             raise ValueError(

@@ -12,6 +12,9 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon import __version__
+from hand_recon.runs.configuration import plain
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -21,6 +24,9 @@ logger = logging.getLogger(__name__)
 
 MARK: Final = "unfinished.json"
 """File of an unfinished folder: the settings and inputs of the command that writes there."""
+
+_NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "landmarks", "name"})
+"""Settings that the numbers of the results do not depend on, or whose files are compared instead."""
 
 
 def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[str, Any]) -> bool:
@@ -38,7 +44,6 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
         FileExistsError: The folder holds complete results, or unfinished ones of other settings.
     """
     folder = Path(path).expanduser().absolute()
-    made = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -46,9 +51,6 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
             f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
         ) from error
     _lock(folder)
-    if made:
-        _write(folder / MARK, settings)
-        return False
     taken = [name for name in products if (folder / name).exists()]
     mark = folder / MARK
     if not taken and not mark.exists():
@@ -123,6 +125,20 @@ def _lock(folder: Path) -> None:
         os.close(handle)
         return
     _locks[folder] = handle
+
+
+def settings_of(config: DictConfig, files: Sequence[str]) -> dict[str, Any]:
+    """Settings for `claim_or_resume`: all but the inputs that the results of a command depend on.
+
+    Args:
+        config: Configuration of the command.
+        files: Settings that may name a file or a folder.
+    """
+    return {
+        "options": {key: value for key, value in plain(config).items() if key not in _NO_RESULT},
+        "files": states_of_files(config, files),
+        "version": __version__,
+    }
 
 
 def states_of_files(config: DictConfig, keys: Sequence[str]) -> dict[str, Any]:

@@ -37,8 +37,8 @@ class Photo:
 
     pixels: UInt8[np.ndarray, "height width 3"]
     """sRGB."""
-    path: Path
-    """File."""
+    path: Path | None
+    """File; None for an array."""
     stored_size: tuple[int, int]
     """Width and height before the rotation that EXIF asks for, pixels."""
     orientation: int
