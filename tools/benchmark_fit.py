@@ -17,7 +17,8 @@ from torch import Tensor
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
-from hand_recon.fitting.descent import SOLVERS, Descent, Objective, fit
+from hand_recon.fitting.descent import SOLVERS, Descent, fit
+from hand_recon.fitting.objective import Objective
 from hand_recon.fitting.observation import observed
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.knowledge.prior import Prior

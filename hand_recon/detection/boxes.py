@@ -22,7 +22,28 @@ WHOLE_MARGIN: Final = 1.2
 """Side of the first square, in longer sides of the image (decision 54)."""
 
 
-class BoxDetector:
+class _SquareReader:
+    """Reads the hand of one square of an image, up to four directions of it."""
+
+    def __init__(
+        self, thresholds: Thresholds, margin: float, threads: int, models: str | Path | None
+    ) -> None:
+        if not 0.5 <= margin <= 5:
+            raise ValueError(f"Expected detector.margin between 0.5 and 5, found {margin:g}.")
+        self.margin, self.thresholds = margin, thresholds
+        self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
+
+    def read(
+        self, image: UInt8[np.ndarray, "height width 3"], region: Region
+    ) -> DetectedHand | str:
+        """The hand in a region that is enlarged by the margin, or the reason why it is none."""
+        square = replace(region, side=self.margin * region.side)
+        reading = self.read_hand.read_box(image, square)
+        objection = self.thresholds.objection(reading)
+        return to_hand(reading) if objection is None else objection
+
+
+class BoxDetector(_SquareReader):
     """Landmarks of the hands in given boxes.
 
     The landmark network reads the box's square, then the square around the landmarks that it found, in up to
@@ -55,11 +76,8 @@ class BoxDetector:
             FileNotFoundError: There is no such file.
             ValueError: The file or an option cannot be used.
         """
-        check_margin(margin)
+        super().__init__(Thresholds(min_presence, min_side), margin, threads, models)
         self.boxes = BoxFile(boxes)
-        self.margin = margin
-        self.thresholds = Thresholds(min_presence, min_side)
-        self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
 
     def __call__(
         self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None
@@ -81,14 +99,14 @@ class BoxDetector:
         hands: list[DetectedHand] = []
         dropped: list[str] = []
         for box in boxes:
-            found = self._read(image, box)
+            found = self._read_box(image, box)
             if isinstance(found, str):
                 dropped.append(found)
             else:
                 hands.append(found)
         return Detections(tuple(hands), tuple(dropped))
 
-    def _read(
+    def _read_box(
         self, image: UInt8[np.ndarray, "height width 3"], box: GivenBox
     ) -> DetectedHand | str:
         height, width = image.shape[:2]
@@ -97,19 +115,16 @@ class BoxDetector:
                 f"the box {box.left:g}, {box.top:g}, {box.right:g}, {box.bottom:g} is outside the image of "
                 f"{width} × {height} px"
             )
-        side = self.margin * max(box.right - box.left, box.bottom - box.top)
-        region = Region((box.left + box.right) / 2, (box.top + box.bottom) / 2, side)
-        reading = self.read_hand.read_box(image, region)
-        objection = self.thresholds.objection(reading)
-        if objection is not None:
-            return objection
-        hand = to_hand(reading)
-        if box.side is None or box.side == hand.side:
+        side = max(box.right - box.left, box.bottom - box.top)
+        hand = self.read(
+            image, Region((box.left + box.right) / 2, (box.top + box.bottom) / 2, side)
+        )
+        if isinstance(hand, str) or box.side in (None, hand.side):
             return hand
         return replace(hand, side=box.side, side_score=1 - hand.side_score)
 
 
-class WholeImageDetector:
+class WholeImageDetector(_SquareReader):
     """Landmarks of the one hand that fills an image."""
 
     name: Final = "whole"
@@ -135,10 +150,7 @@ class WholeImageDetector:
         Raises:
             ValueError: An option is out of its range.
         """
-        check_margin(margin)
-        self.margin = margin
-        self.thresholds = Thresholds(min_presence, min_side)
-        self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
+        super().__init__(Thresholds(min_presence, min_side), margin, threads, models)
 
     def __call__(
         self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None
@@ -149,19 +161,7 @@ class WholeImageDetector:
             image: RGB, bytes.
             file: Not used.
         """
-        whole = region_of_image(image.shape[0], image.shape[1])
-        reading = self.read_hand.read_box(image, replace(whole, side=self.margin * whole.side))
-        objection = self.thresholds.objection(reading)
-        if objection is not None:
-            return Detections(dropped=(objection,))
-        return Detections(hands=(to_hand(reading),))
-
-
-def check_margin(margin: float) -> None:
-    """Check the size of the first square.
-
-    Raises:
-        ValueError: It is too small or too large for a hand to be seen in it.
-    """
-    if not 0.5 <= margin <= 5:
-        raise ValueError(f"Expected detector.margin between 0.5 and 5, found {margin:g}.")
+        found = self.read(image, region_of_image(image.shape[0], image.shape[1]))
+        return (
+            Detections(dropped=(found,)) if isinstance(found, str) else Detections(hands=(found,))
+        )

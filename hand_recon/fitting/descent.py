@@ -22,8 +22,6 @@ from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandParameters, HandPrediction
 from hand_recon.uncertainty import DataTerm
 
-__all__ = ["Descent", "Fitted", "Objective", "fit", "with_possible_solver"]
-
 logger = logging.getLogger(__name__)
 
 SOLVERS: Final = ("second_order", "adam")
@@ -135,10 +133,8 @@ def fit(
     # One batch even without a hand, such as for a part of a video in which none was detected.
     for first in range(0, max(len(observation), 1), size):
         piece = observation[first : first + size]
-        found = [] if further is None else [further(piece)]
-        if descent.starts:
-            found.insert(0, _closed_form(piece, objective.hand, descent.starts))
-        pieces.append(fit_piece(piece, found))
+        palms = _closed_form(piece, objective.hand, descent.starts) if descent.starts else None
+        pieces.append(fit_piece(piece, palms, None if further is None else further(piece)))
     loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
     return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
 
@@ -181,22 +177,18 @@ def _closed_form(observation: Observation, hand: HandModel, count: int) -> Start
 
 def _solver(
     observation: Observation, objective: Objective, descent: Descent
-) -> Callable[[Observation, list[Start]], Fitted]:
-    """Function that fits a batch of hands from their starts."""
-    if descent.solver == "adam" or _without_derivatives(objective):
-        light = objective.without_non_penetration()
-        return lambda piece, starts: _fit_batch(
-            piece, Start.beside(starts), (light, objective), descent
-        )
-    last = replace(objective, data_term=_last_stage(objective.data_term, observation, descent))
-    second_order = SecondOrder.of(last)
-    looked_up = slice(0, 1 if descent.starts else 0)
+) -> Callable[[Observation, Start | None, Start | None], Fitted]:
+    """Function that fits a batch of hands from placements of the palm and further starts."""
+    if descent.solver != "adam" and not _without_derivatives(objective):
+        last = _last_stage(objective.data_term, observation, descent)
+        return SecondOrder.of(replace(objective, data_term=last))
+    objectives = (objective.without_non_penetration(), objective)
 
-    def fit_piece(piece: Observation, starts: list[Start]) -> Fitted:
-        palms, further = starts[looked_up], starts[looked_up.stop :]
-        return second_order(piece, palms[0] if palms else None, further[0] if further else None)
+    def by_adam(piece: Observation, palms: Start | None, further: Start | None) -> Fitted:
+        starts = [start for start in (palms, further) if start is not None]
+        return _fit_batch(piece, Start.beside(starts), objectives, descent)
 
-    return fit_piece
+    return by_adam
 
 
 def _last_stage(term: DataTerm, observation: Observation, descent: Descent) -> DataTerm:

@@ -6,8 +6,8 @@ from typing import Final
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.progress import with_progress
-from hand_recon.fitting.descent import Fitted
 from hand_recon.fitting.fitted_hands import FittedHands, fitted_hands
+from hand_recon.fitting.objective import Fitted
 from hand_recon.fitting.origin import Origin
 from hand_recon.schema import HandBatch
 

@@ -140,16 +140,25 @@ def _per_hand(name: str, values: Any, shape: tuple[int, ...]) -> torch.Tensor:  
         raise ValueError(
             "A confidence is not between 0 and 1; a detector's raw score is no confidence."
         )
-    if name == "intrinsics" and not _are_cameras(array):
-        raise ValueError(
-            "intrinsics is no camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, "
-            "finite, with fx and fy above 0."
-        )
+    if name == "intrinsics":
+        check_cameras(name, array)
     return torch.from_numpy(np.broadcast_to(array, shape).copy())
 
 
-def _are_cameras(matrices: Float[np.ndarray, "*hand 3 3"]) -> bool:
-    """True if every matrix can be a camera's."""
+def check_cameras(name: str, matrices: Float[np.ndarray, "*hand 3 3"]) -> None:
+    """Check that every matrix can be a camera's.
+
+    Args:
+        name: The argument, for the message.
+        matrices: Camera matrices, pixels.
+
+    Raises:
+        ValueError: One cannot.
+    """
     focal = matrices[..., [0, 1], [0, 1]]
     last = np.abs(matrices[..., 2, :] - [0.0, 0.0, 1.0])
-    return bool(np.isfinite(matrices).all() and (focal > 0).all() and (last < 1e-6).all())
+    if not (np.isfinite(matrices).all() and (focal > 0).all() and (last < 1e-6).all()):
+        raise ValueError(
+            f"{name} is no camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, "
+            "finite, with fx and fy above 0."
+        )

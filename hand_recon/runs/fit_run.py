@@ -13,10 +13,11 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.fitting.descent import Fitted, Objective, with_possible_solver
 from hand_recon.fitting.descent import fit as descend
+from hand_recon.fitting.descent import with_possible_solver
 from hand_recon.fitting.hands_file import entries_so_far
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
+from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import observed
 from hand_recon.fitting.origin import Origin
 from hand_recon.fitting.results import PRODUCTS, claim_results_folder, write_results

@@ -14,7 +14,7 @@ from hand_recon.data.photos.photo import Photo, read_photo
 from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_landmarks import check_overrides
+from hand_recon.runs.fit_landmarks import check_cameras, check_overrides
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
 from hand_recon.runs.looking import (
     LookedAt,
@@ -108,12 +108,7 @@ def _camera(camera: Any, photos: int) -> CameraChoice:  # noqa: ANN401
         raise ValueError(
             f"camera has the shape {matrices.shape}; expected (3, 3) or ({photos}, 3, 3)."
         )
-    focal = matrices[..., [0, 1], [0, 1]]
-    if not (np.isfinite(matrices).all() and (focal > 0).all()):
-        raise ValueError(
-            "camera is no camera matrix; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, finite, "
-            "with fx and fy above 0."
-        )
+    check_cameras("camera", matrices)
     return given_cameras(matrices.reshape(-1, 3, 3))
 
 

@@ -15,8 +15,9 @@ from hand_recon.data.augment import move
 from hand_recon.data.upright import upright_motion
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
-from hand_recon.fitting.descent import Descent, Fitted, Objective, fit
+from hand_recon.fitting.descent import Descent, fit
 from hand_recon.fitting.lift import lifted_start
+from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.fitting.descent import Descent, Objective, fit
+from hand_recon.fitting.descent import Descent, fit
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.in_parts import fit_part
+from hand_recon.fitting.objective import Objective
 from hand_recon.fitting.observation import observed
 from hand_recon.fitting.verdict import DOUBTFUL, NOT_FITTED, PLAUSIBLE, Verdict, verdicts
 from hand_recon.hand.model import HandModel

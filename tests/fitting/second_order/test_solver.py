@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from hand_recon.fitting.descent import Descent, Objective, fit, with_possible_solver
+from hand_recon.fitting.descent import Descent, fit, with_possible_solver
+from hand_recon.fitting.objective import Objective
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.second_order.least_squares import Model, Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import Limits, Reached, minimize
