@@ -1,82 +1,24 @@
 """`predict` from photographs to a folder of hands, with the landmarks of a file in the detector's place."""
 
-import csv
-import itertools
 import json
 import os
 import subprocess
 import sys
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import cv2
 import jsonschema
 import numpy as np
 import pytest
-import torch
 import trimesh
 from hydra.errors import InstantiationException
-from omegaconf import DictConfig, open_dict
-from PIL import Image
 
-import hand_recon
-from hand_recon.camera import project
-from hand_recon.hand.model import HandModel
-from hand_recon.runs import looking, predict_run
 from hand_recon.runs.looking import photo_names
 from hand_recon.runs.predict_run import predict
-from tests.support.configurations import composed
-from tests.support.views import known_hands, views
+from tests.support.photo_folder import CAMERA, QUICK, asked, read, table
 
-CAMERA = [[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]]
-QUICK = ("descent.steps=20", "descent.starts=1")
 SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
-
-
-def asked(folder: Path, *overrides: str) -> DictConfig:
-    """`conf/predict.yaml` composed for the photographs of a folder and our landmarks."""
-    config = composed(
-        f"input=['{folder}/photos']", "detector=landmarks", f"detector.landmarks='{folder}/found.json'",
-        f"camera='{folder}/K.json'", f"output='{folder}/out'", *QUICK, *overrides, name="predict",
-    )  # fmt: skip
-    with open_dict(config):
-        del config["hydra"]
-    return config
-
-
-@pytest.fixture
-def folder(hand: HandModel, tmp_path: Path) -> Path:
-    """Four photographs: two hands, none, one left hand under an odd name, and a file that is cut off."""
-    batch = views(hand, known_hands(hand, 3))
-    assert batch.landmarks_3d is not None
-    points = project(batch.landmarks_3d, torch.tensor(CAMERA).expand(3, 3, 3))
-    points[2, :, 0] = 2 * CAMERA[0][2] - points[2, :, 0]  # The same hand in a mirror.
-    (tmp_path / "photos").mkdir()
-    names = ["1 two.png", "2 none.png", "3 hånd's, [left].png", "4 cut off.png"]
-    for name in names:
-        path = tmp_path / "photos" / name
-        path.write_bytes(cv2.imencode(".png", np.full((480, 640, 3), 90, np.uint8))[1].tobytes())
-    path.write_bytes(path.read_bytes()[:200])
-    entries = [
-        {"image": name, "side": side, "landmarks": given}
-        for name, side, given in zip(
-            (names[0], names[0], names[2]), ("right", "right", "left"), points.tolist(), strict=True
-        )
-    ]
-    (tmp_path / "found.json").write_text(json.dumps(entries), encoding="utf-8")
-    (tmp_path / "K.json").write_text(json.dumps(CAMERA))
-    return tmp_path
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def read(folder: Path) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = json.loads((folder / "hands.json").read_text(encoding="utf-8"))
-    return entries
 
 
 def test_photographs_become_a_folder_of_hands(folder: Path) -> None:
@@ -137,68 +79,6 @@ def test_results_are_not_overwritten(folder: Path) -> None:
     assert (folder / "out" / "hands.json").read_bytes() == before
 
 
-def test_an_interrupted_command_goes_on_where_it_was(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "photos" / "4 cut off.png").unlink()
-    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
-    predict(asked(folder, f"output='{folder}/whole'"))
-    expected = (folder / "whole" / "hands.json").read_bytes()
-    real = looking.look_at_file
-    looks = itertools.count()
-
-    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
-        if next(looks) == 2:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    monkeypatch.setattr(predict_run, "look_at_file", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        predict(asked(folder))
-    out = folder / "out"
-    assert len(json.loads((out / "hands.json.part").read_text(encoding="utf-8"))) == 2
-    assert not (out / "hands.json").exists()
-    # A kill may leave half a line of either file.
-    for name in ("hands.json.part", "progress.jsonl"):
-        with (out / name).open("a", encoding="utf-8") as stream:
-            stream.write('{"image": "3')
-    with pytest.raises(FileExistsError, match="unfinished results of a command with other options"):
-        predict(asked(folder, "descent.steps=21"))
-    assert predict(asked(folder))["hands"] == 3
-    # Two photographs were not looked at again, and nothing is there twice.
-    assert next(looks) == 4
-    assert (out / "hands.json").read_bytes() == expected
-    assert [row["image"] for row in table(out / "images.csv")] == sorted(
-        path.name for path in (folder / "photos").iterdir()
-    )
-
-
-def test_a_second_interruption_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (folder / "photos" / "4 cut off.png").unlink()
-    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
-    predict(asked(folder, f"output='{folder}/whole'"))
-    real, stop = looking.look_at_file, {0, 1, 3}
-    looks = itertools.count()
-
-    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
-        if next(looks) in stop:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    monkeypatch.setattr(predict_run, "look_at_file", interrupted)
-    for _ in range(3):
-        with pytest.raises(KeyboardInterrupt):
-            predict(asked(folder))
-    # Hands without their row, and rows without all of their hands, are done again.
-    out = folder / "out"
-    lines = (out / "hands.json.part").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 4
-    (out / "hands.json.part").write_text("\n".join(lines[:2]), encoding="utf-8")
-    assert predict(asked(folder))["hands"] == 3
-    assert (out / "hands.json").read_bytes() == (folder / "whole" / "hands.json").read_bytes()
-    assert not list(out.glob("*.new"))
-
-
 def test_odd_names_and_own_drawings_in_the_input_folder(folder: Path) -> None:
     (folder / "photos" / "4 cut off.png").unlink()
     photo = folder / "photos" / "1 two.png"
@@ -228,20 +108,6 @@ def test_a_wrong_option_claims_no_folder(folder: Path) -> None:
     config.input = []
     with pytest.raises(ValueError, match="No image is named"):
         predict(config)
-
-
-def test_another_camera_file_does_not_go_on_with_the_results_of_the_first(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "photos" / "4 cut off.png").unlink()
-    monkeypatch.setattr(
-        predict_run, "look_at_file", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
-    )
-    with pytest.raises(KeyboardInterrupt):
-        predict(asked(folder))
-    (folder / "K.json").write_text(json.dumps([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]))
-    with pytest.raises(FileExistsError, match="unfinished results of a command with other files"):
-        predict(asked(folder))
 
 
 def test_strict_refuses_what_is_not_plausible_and_a_photograph_without_hands_is_no_failure(
@@ -309,46 +175,6 @@ def test_names_of_photographs_are_file_names_unless_two_are_alike() -> None:
     assert photo_names([Path("a/x.jpg"), Path("a/b/x.jpg")]) == ["x.jpg", "b/x.jpg"]
 
 
-def test_the_python_call_gives_what_the_command_writes(folder: Path, tmp_path: Path) -> None:
-    photo = folder / "photos" / "1 two.png"
-    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
-    predict(asked(folder, f"input=['{photo}']", "camera='fov=60'"))
-    hands = hand_recon.reconstruct(photo, camera="fov=60", overrides=settings)
-    assert json.loads(json.dumps(hands.entries())) == read(folder / "out")
-    assert (hands.sides, len(hands)) == (("right", "right"), 2)
-    assert hands.vertices.shape == (2, 778, 3)
-    np.testing.assert_array_equal(hands.records.covariance_3d, np.nan)
-    drawing = hands.draw(tmp_path / "over.png")
-    assert drawing.shape[0] >= 480
-    for name in ("hands.obj", "hands.glb"):
-        mesh = trimesh.load_mesh(hands.save(tmp_path / name), process=False)
-        assert len(mesh.vertices) == 2 * 778
-    assert hand_recon.read_hands(hands.save(tmp_path / "saved.json")).sides == hands.sides
-    with pytest.raises(FileExistsError, match="nothing is overwritten"):
-        hands.save(tmp_path / "hands.obj")
-
-
-def test_the_python_call_takes_arrays_and_refuses_what_is_no_image(folder: Path) -> None:
-    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
-    pixels = np.zeros((48, 64, 3), np.uint8)
-    for image in (pixels, Image.fromarray(pixels), [pixels, folder / "photos" / "2 none.png"]):
-        hands = hand_recon.reconstruct(image, overrides=settings)
-        assert len(hands) == 0
-        assert hands.vertices.shape == (0, 778, 3)
-        assert hands.entries() == []
-        with pytest.raises(ValueError, match="No hand was fitted"):
-            hands.draw()
-    for wrong in (np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3)), "gone.jpg"):
-        with pytest.raises(ValueError, match=r"expected height × width × 3|gone\.jpg"):
-            hand_recon.reconstruct(wrong, overrides=settings)
-    with pytest.raises(ValueError, match="camera has the shape"):
-        hand_recon.reconstruct(pixels, camera=np.eye(4), overrides=settings)
-    with pytest.raises(
-        ValueError, match=r"'output=x' has no effect here: output is an argument of reconst"
-    ):
-        hand_recon.reconstruct(pixels, overrides=["output=x"])
-
-
 def test_landmarks_of_another_folder_belong_to_the_image_that_they_name(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -403,34 +229,3 @@ def test_confidences_of_a_landmark_file_reach_the_fit(folder: Path) -> None:
         entry = read(folder / str(confidence))[0]
         off.append(np.linalg.norm(np.subtract(entry["landmarks_2d"][8], entry["observed_2d"][8])))
     assert off[1] > off[0] + 5
-
-
-def test_arrays_of_python_calls_are_checked(folder: Path, tmp_path: Path) -> None:
-    settings = ["detector=landmarks", f"detector.landmarks='{folder}/found.json'", *QUICK]
-    photo = folder / "photos" / "1 two.png"
-    for camera in (np.zeros((3, 3)), np.full((3, 3), np.nan), np.diag([1.0, -1.0, 1.0])):
-        with pytest.raises(ValueError, match="camera is no camera matrix"):
-            hand_recon.reconstruct(photo, camera=camera, overrides=settings)
-    hands = hand_recon.reconstruct(photo, camera=np.array(CAMERA), overrides=settings)
-    assert hands.records.intrinsics.tolist() == [CAMERA, CAMERA]
-    for name in ("hands.OBJ2", "run.1"):
-        with pytest.raises(
-            ValueError, match=r"expected \.json, \.obj, \.ply, \.glb or a folder's name"
-        ):
-            hands.save(tmp_path / name)
-    with pytest.raises(ValueError, match="names no kind of image"):
-        hands.draw(tmp_path / "hands.bmp")
-    hands.draw(tmp_path / "hands.jpg")
-    assert (tmp_path / "hands.jpg").read_bytes()[:2] == b"\xff\xd8"
-
-
-def test_an_image_of_pillow_is_turned_as_its_file_is(tmp_path: Path) -> None:
-    pixels = np.zeros((40, 60, 3), np.uint8)
-    image = Image.fromarray(pixels)
-    exif = image.getexif()
-    exif[0x0112] = 6
-    image.save(tmp_path / "turned.jpg", exif=exif)
-    from hand_recon.runs.reconstruct import _photo
-
-    with Image.open(tmp_path / "turned.jpg") as opened:
-        assert _photo(opened).size == _photo(tmp_path / "turned.jpg").size == (40, 60)
