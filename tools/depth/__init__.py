@@ -1,0 +1,1 @@
+"""Measurement of depth from 2D landmarks alone: sets of hands, methods, scores, tables and drawings."""
