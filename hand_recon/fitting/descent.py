@@ -180,7 +180,7 @@ def _solver(
 ) -> Callable[[Observation, Start | None, Start | None], Fitted]:
     """Function that fits a batch of hands from placements of the palm and further starts."""
     if descent.solver != "adam" and not _without_derivatives(objective):
-        last = _last_stage(objective.data_term, observation, descent)
+        last = last_stage(objective.data_term, observation, descent)
         return SecondOrder.of(replace(objective, data_term=last))
     objectives = (objective.without_non_penetration(), objective)
 
@@ -191,7 +191,7 @@ def _solver(
     return by_adam
 
 
-def _last_stage(term: DataTerm, observation: Observation, descent: Descent) -> DataTerm:
+def last_stage(term: DataTerm, observation: Observation, descent: Descent) -> DataTerm:
     """Copy of a data term in the stage in which Adam would end."""
     term, steps = copy.deepcopy(term), max(descent.steps, 2)
     term.observe(observation.log_sigma().exp(), observation.labelled)
