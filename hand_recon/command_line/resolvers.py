@@ -2,7 +2,8 @@
 
 import hashlib
 import re
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 from omegaconf import OmegaConf
 
@@ -23,6 +24,21 @@ def register_resolvers() -> None:
     )
     # Used by conf/recipe/lifter.yaml.
     OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
+    # Used by conf/fit.yaml and predict.yaml.
+    OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
+
+
+def lifter_beside(prior: Mapping[str, Any]) -> str:
+    """Default of `lifter` beside a prior: `default` with every source of knowledge (Eq. 5), else `none`.
+
+    The packaged lifter was trained with all of them, and its start would lend them to a fit without.
+
+    Args:
+        prior: A member of the group `prior`: settings of the terms by name, none for one that is left out.
+    """
+    ranges = prior.get("range_of_motion") or {}
+    terms = (ranges, ranges.get("anatomy"), prior.get("non_penetration"), prior.get("shape"))
+    return "default" if all(terms) else "none"
 
 
 def folder_name(overrides: str) -> str:

@@ -118,6 +118,19 @@ class Regressor(nn.Module):
             state = self._feedback(features.float(), shown)
             return self._reconstruct(state, batch.crop_size, batch.intrinsics)
 
+    def place(self, batch: HandBatch) -> HandParameters:
+        """Estimate the parameters of the hand in each crop, without posing its surface.
+
+        Args:
+            batch: As for `forward`.
+
+        Returns:
+            The parameters that `forward` returns, at a fraction of its time.
+        """
+        shown = self.encoder.shown(batch)
+        state = self._feedback(self.encoder(shown).float(), shown)
+        return self._placed(state, batch.crop_size, batch.intrinsics)[0]
+
     @torch.no_grad()
     def shift_log_sigma(self, by: Float[Tensor, "landmark=21 2"]) -> None:
         """Shift the initial log σ, and with it every prediction of log σ before the bounds.

@@ -1,7 +1,6 @@
 """Writes and reads checkpoints with their configuration, so that they rebuild themselves."""
 
 import copy
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from hand_recon import __version__
 from hand_recon.evaluation.scores import HandPoints
-from hand_recon.hand.model import HandModel
+from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
 from hand_recon.runs.configuration import refuse_untrusted, targets
 from hand_recon.training.module import HandReconstruction
@@ -59,15 +58,6 @@ class ConfigInCheckpoint(lightning.Callback):
         checkpoint[CONFIG_KEY] = self.config
         checkpoint[HAND_KEY] = fingerprint(pl_module.regressor.hand)  # type: ignore[union-attr, arg-type]
         checkpoint[MEAN_POSE_KEY] = self.mean_pose
-
-
-def fingerprint(hand: HandModel) -> str:
-    """Digest of a hand model's arrays, without its landmark set: equal for equal assets."""
-    digest = hashlib.sha256()
-    for name, buffer in sorted(hand.named_buffers()):
-        if name != "landmark_regressor":
-            digest.update(buffer.detach().cpu().contiguous().numpy().tobytes())
-    return f"{hand.name} {digest.hexdigest()[:16]}"
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:

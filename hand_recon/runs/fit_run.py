@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from hand_recon.fitting.descent import fit as descend
 from hand_recon.fitting.descent import with_possible_solver
 from hand_recon.fitting.hands_file import entries_so_far
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
+from hand_recon.fitting.lift import lift
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import observed
 from hand_recon.fitting.origin import Origin
@@ -29,6 +29,7 @@ from hand_recon.runs.configuration import (
     instantiate,
     plain,
 )
+from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
 from hand_recon.runs.unfinished import (
     claim_or_resume,
     file_state,
@@ -129,8 +130,9 @@ def source_of(config: DictConfig, hand: HandModel, before: str = "landmarks") ->
         hand: The hand that is fitted.
         before: Step that gave the landmarks.
     """
-    lifted = config.lifter is not None and config.descent.steps == 0
-    step = "lifter" if lifted else "fit" if config.lifter is None else "lifter, fit"
+    step = "fit"
+    if names_lifter(config.lifter):
+        step = "lifter, fit" if config.descent.steps else "lifter"
     return Origin(source=f"{before}, {step}", hand_model=hand.name)
 
 
@@ -219,17 +221,14 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
     objective = Objective(hand, build_prior(config.prior, hand), data_term)
     descent = with_possible_solver(instantiate(config.descent), objective)
     further = None
-    if config.lifter is not None:
-        # Checkpoints need Lightning, which takes seconds to import.
-        from hand_recon.fitting.lift import lift, lifted_start
-        from hand_recon.runs.checkpoints import load_trained
-
-        regressor = load_trained(config.lifter, config.hand.landmark_set).module.regressor
-        further = partial(lifted_start, regressor)
+    if names_lifter(config.lifter):
+        regressor = load_named(config.lifter, hand)
         if descent.steps == 0:
+            check_result(regressor, hand, config.lifter)
             return lambda batch: Fitted(
                 lift(regressor, observed(batch, config.sigma_at_half_confidence)), {}
             )
+        further = starts_of(regressor, hand)
 
     def run(batch: HandBatch) -> Fitted:
         return descend(

@@ -1,0 +1,102 @@
+"""Lifters by name: the packaged one, a file, a run's folder or a checkpoint; and the starts that they give."""
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from hand_recon.fitting.lift import carried_start, lifted_start
+from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.start import Start
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.open_hand import open_hand
+from hand_recon.regressor.error_feedback import Regressor
+from hand_recon.regressor.lifter_file import SHIPPED, fingerprint, load_lifter
+
+logger = logging.getLogger(__name__)
+
+DEFAULT: Final = "default"
+"""Name of the lifter of the package."""
+
+NO_LIFTER: Final = (None, "none", "null", "")
+"""Values of `lifter` that mean none."""
+
+SUFFIX: Final = ".safetensors"
+"""Ending of a lifter's file; everything else is a run's folder or a checkpoint."""
+
+PACKAGED_LANDMARK_SET: Final = "knuckle"
+"""Landmark set of lifters in files."""
+
+
+def names_lifter(name: str | None) -> bool:
+    """True if a value of `lifter` names one."""
+    return name not in NO_LIFTER
+
+
+def load_named(name: str, hand: HandModel) -> Regressor:
+    """Load a lifter with its own hand.
+
+    Args:
+        name: `default`, a safetensors file, a run's folder or a checkpoint.
+        hand: The hand that is fitted, which is not built again if the lifter was trained for it.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is no lifter, is damaged, or was made for a hand that is not here.
+    """
+    path = SHIPPED if name == DEFAULT else Path(name).expanduser()
+    if path.suffix == SUFFIX:
+        return load_lifter(path, partial(_hand_of, hand))
+    # Checkpoints need Lightning, which takes seconds to import.
+    from hand_recon.runs.checkpoints import load_trained
+
+    return load_trained(path, hand.landmark_set).module.regressor
+
+
+def starts_of(regressor: Regressor, hand: HandModel) -> Callable[[Observation], Start]:
+    """Function that gives a lifter's start for hands of a model; a note says if it is not the lifter's own.
+
+    Args:
+        regressor: The lifter.
+        hand: The hand that is fitted.
+    """
+    if same_hand(regressor, hand):
+        return partial(lifted_start, regressor)
+    own = regressor.hand
+    logger.info(
+        "The lifter was made for the hand %s with the landmarks %s; its joint angles and rotation start the fit "
+        "of the hand %s with the landmarks %s, its shape does not.",
+        own.name, own.landmark_set, hand.name, hand.landmark_set,
+    )  # fmt: skip
+    return partial(carried_start, hand.landmarks_only(), regressor)
+
+
+def same_hand(regressor: Regressor, hand: HandModel) -> bool:
+    """True if a lifter predicts this hand model with this landmark set."""
+    own = regressor.hand
+    return own is hand or (
+        own.landmark_set == hand.landmark_set and fingerprint(own) == fingerprint(hand)
+    )
+
+
+def check_result(regressor: Regressor, hand: HandModel, name: str) -> None:
+    """Check that a lifter's prediction can be the result of a fit.
+
+    Raises:
+        ValueError: It predicts another hand model.
+    """
+    if fingerprint(regressor.hand) != fingerprint(hand):
+        raise ValueError(
+            f"descent.steps=0 makes the prediction of lifter={name} the result, which is the hand "
+            f"{regressor.hand.name!r}; found hand {hand.name!r}. Use hand={regressor.hand.name}, a lifter that "
+            "was trained for this hand, or more steps."
+        )
+
+
+def _hand_of(given: HandModel, wanted: str) -> HandModel | None:
+    """The hand with a fingerprint: the given one, or the open hand."""
+    if given.landmark_set == PACKAGED_LANDMARK_SET and fingerprint(given) == wanted:
+        return given
+    hand = open_hand(PACKAGED_LANDMARK_SET)
+    return hand if fingerprint(hand) == wanted else None
