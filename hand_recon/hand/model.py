@@ -181,6 +181,20 @@ class HandModel(nn.Module):
         light.faces, light.wrist_ring = self.faces[:0], self.wrist_ring[:0]
         return light
 
+    def of_shape(self, shape: Float[Tensor, " direction=10"]) -> "HandModel":
+        """Copy of the model that has one shape whatever its coefficients are, such as one person's hand.
+
+        Args:
+            shape: Coefficients of the shape directions, standard deviations.
+        """
+        fixed = copy.deepcopy(self)
+        moved = shape.to(self.template)
+        fixed.template = self.template + self.shape_directions @ moved
+        fixed.joints_template = self.joints_template + self.joint_shape_directions @ moved
+        fixed.shape_directions = torch.zeros_like(self.shape_directions)
+        fixed.joint_shape_directions = torch.zeros_like(self.joint_shape_directions)
+        return fixed
+
     def neutral_angles(self) -> Float[Tensor, "joint=15 axis=3"]:
         """Joint angles of the anatomical neutral, all zero."""
         return torch.zeros_like(self.rest_angles)
