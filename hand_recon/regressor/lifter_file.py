@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -107,12 +106,12 @@ def save_lifter(
     return digest
 
 
-def load_lifter(path: Path, hands: Callable[[str], HandModel | None]) -> Regressor:
+def load_lifter(path: Path, hands: Callable[[str, str], HandModel | None]) -> Regressor:
     """Read a lifter, with its own hand.
 
     Args:
         path: File that `save_lifter` wrote.
-        hands: Function from a hand's fingerprint to that hand; None if there is no such hand.
+        hands: Function from a hand's fingerprint and landmark set to that hand; None if it is not here.
 
     Returns:
         The network in single precision and evaluation mode.
@@ -122,8 +121,8 @@ def load_lifter(path: Path, hands: Callable[[str], HandModel | None]) -> Regress
         ValueError: The file is no lifter, is damaged, or was made for a hand that is not here.
     """
     header, weights = _read(path)
-    settings = LifterSettings(**json.loads(header["settings"]))
-    hand = hands(header["hand"])
+    settings = _settings(path, header["settings"])
+    hand = hands(header["hand"], header["landmark_set"])
     if hand is None:
         raise ValueError(
             f"{path} was made for the hand {header['hand']!r}, which is not here: its angles and shapes mean "
@@ -137,6 +136,19 @@ def load_lifter(path: Path, hands: Callable[[str], HandModel | None]) -> Regress
 def lifter_header(path: Path) -> dict[str, str]:
     """Read what a lifter's file says about it; errors as for `load_lifter`."""
     return _read(path)[0]
+
+
+def _settings(path: Path, written: str) -> LifterSettings:
+    """Settings from a header: numbers and switches of the known names, nothing else."""
+    found, known = json.loads(written), asdict(LifterSettings())
+    kinds = {name: type(value) for name, value in found.items()} if isinstance(found, dict) else {}
+    expected = {name: type(value) for name, value in known.items()}
+    if kinds != expected:
+        raise ValueError(
+            f"{path} has the settings {written}; expected {json.dumps(known)} with other numbers. It was written "
+            "by another version of hand_recon: use that one, or train again."
+        )
+    return LifterSettings(**found)
 
 
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:

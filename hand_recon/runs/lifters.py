@@ -1,4 +1,4 @@
-"""Lifters by name: the packaged one, a file, a run's folder or a checkpoint; and the starts that they give."""
+"""Lifters by name (the packaged one, a file, a run's folder or a checkpoint) and their starts of a fit."""
 
 import logging
 from collections.abc import Callable
@@ -24,9 +24,6 @@ NO_LIFTER: Final = (None, "none", "null", "")
 
 SUFFIX: Final = ".safetensors"
 """Ending of a lifter's file; everything else is a run's folder or a checkpoint."""
-
-PACKAGED_LANDMARK_SET: Final = "knuckle"
-"""Landmark set of lifters in files."""
 
 
 def names_lifter(name: str | None) -> bool:
@@ -65,8 +62,8 @@ def starts_of(regressor: Regressor, hand: HandModel) -> Callable[[Observation], 
         return partial(lifted_start, regressor)
     own = regressor.hand
     logger.info(
-        "The lifter was made for the hand %s with the landmarks %s; its joint angles and rotation start the fit "
-        "of the hand %s with the landmarks %s, its shape does not.",
+        "The lifter was made for the hand %s with the landmarks %s. Its joint angles and rotation start the "
+        "fit of the hand %s with the landmarks %s; its shape does not.",
         own.name, own.landmark_set, hand.name, hand.landmark_set,
     )  # fmt: skip
     return partial(carried_start, hand.landmarks_only(), regressor)
@@ -88,15 +85,15 @@ def check_result(regressor: Regressor, hand: HandModel, name: str) -> None:
     """
     if fingerprint(regressor.hand) != fingerprint(hand):
         raise ValueError(
-            f"descent.steps=0 makes the prediction of lifter={name} the result, which is the hand "
-            f"{regressor.hand.name!r}; found hand {hand.name!r}. Use hand={regressor.hand.name}, a lifter that "
+            f"descent.steps=0 makes the prediction of lifter={name} the result, which is of the hand "
+            f"{regressor.hand.name!r}; found {hand.name!r}. Use hand={regressor.hand.name}, a lifter that "
             "was trained for this hand, or more steps."
         )
 
 
-def _hand_of(given: HandModel, wanted: str) -> HandModel | None:
-    """The hand with a fingerprint: the given one, or the open hand."""
-    if given.landmark_set == PACKAGED_LANDMARK_SET and fingerprint(given) == wanted:
+def _hand_of(given: HandModel, wanted: str, landmark_set: str) -> HandModel | None:
+    """The hand with a fingerprint and a landmark set: the given one, or the open hand."""
+    if given.landmark_set == landmark_set and fingerprint(given) == wanted:
         return given
-    hand = open_hand(PACKAGED_LANDMARK_SET)
+    hand = open_hand(landmark_set)
     return hand if fingerprint(hand) == wanted else None

@@ -11,8 +11,9 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon.command_line.configuration_files import CONF
+from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
-from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY, fingerprint
+from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY
 from hand_recon.runs.configuration import plain
 from hand_recon.runs.figures_run import figures
 from tests.support.configurations import settings

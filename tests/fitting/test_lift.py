@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from hand_recon.camera import default_intrinsics
-from hand_recon.fitting.lift import lift, lifted_start
+from hand_recon.camera import default_intrinsics, project
+from hand_recon.fitting.lift import carried_start, lift, lifted_start, position_of
 from hand_recon.fitting.observation import Observation
 from hand_recon.hand.model import HandModel
 from hand_recon.regressor.error_feedback import Regressor
@@ -64,3 +64,39 @@ def test_a_start_is_the_answer(lifter: Regressor, seen: Observation) -> None:
     assert_close(start.root_rotation[:, 0], answer.root_rotation)
     assert_close(start.translation[:, 0], answer.translation)
     assert_close(start.shape[:, 0], answer.shape)
+
+
+def test_a_position_is_found_again_in_any_camera(hand: HandModel) -> None:
+    """Exact projections of known points determine the translation, also with landmarks missing."""
+    posed = hand.to_camera(known_hands(hand, COUNT))
+    camera = torch.tensor([[700.0, 0.0, 90.0], [0.0, 650.0, 140.0], [0.0, 0.0, 1.0]])
+    cameras = camera.expand(COUNT, 3, 3)
+    moved_by = posed.landmarks.mean(dim=1) + torch.tensor([0.1, -0.05, 0.3])
+    points = posed.landmarks - posed.landmarks.mean(dim=1, keepdim=True)
+    pixels = project(points + moved_by[:, None], cameras)
+    labelled = torch.ones(COUNT, 21, dtype=torch.bool)
+    labelled[:, 3:17] = False
+    pixels[:, 3:17] = torch.nan
+    found = position_of(points, pixels, labelled, cameras)
+    torch.testing.assert_close(found, moved_by, atol=1e-3, rtol=0)
+
+
+def test_a_carried_start_is_at_its_landmarks_with_the_mean_shape(
+    lifter: Regressor, seen: Observation, hand: HandModel
+) -> None:
+    own, start = lifted_start(lifter, seen), carried_start(hand.landmarks_only(), lifter, seen)
+    assert_close(start.joint_angles, own.joint_angles)
+    assert_close(start.root_rotation, own.root_rotation)
+    assert not start.shape.any()
+    posed = hand(start.joint_angles[:, 0], start.shape[:, 0]).landmarks
+
+    def squares(translation: torch.Tensor) -> torch.Tensor:
+        """Squared distances on the landmarks' rays, which the position makes least."""
+        placed = posed @ start.root_rotation[:, 0].mT + translation
+        rays = (seen.landmarks_2d - seen.intrinsics[:, None, :2, 2]) / 500
+        off = placed[..., :2] - rays * placed[..., 2:]
+        return off.square().sum(dim=(1, 2))
+
+    least = squares(start.translation)
+    for step in 0.01 * torch.cat([torch.eye(3), -torch.eye(3)]):
+        assert bool((squares(start.translation + step) > least).all())

@@ -18,8 +18,9 @@ from hand_recon.hand.skeleton import AXES
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.terms import RangeOfMotionTerm
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_data, build_module
-from hand_recon.runs.checkpoints import CONFIG_KEY, fingerprint, read_checkpoint
+from hand_recon.runs.checkpoints import CONFIG_KEY, read_checkpoint
 from hand_recon.runs.configuration import TRUSTED, claim_folder, instantiate, refuse_untrusted
 from hand_recon.training.module import HandReconstruction
 from hand_recon.uncertainty import (

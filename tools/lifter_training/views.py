@@ -40,7 +40,7 @@ class Noise:
     focal: tuple[float, float] = (350.0, 1000.0)
     """Least and greatest focal length, pixels of a 224-pixel crop; the logarithm is uniform."""
     off_centre: float = 60.0
-    """Greatest distance of the hand from the optical axis along each axis, pixels at a focal length of 500."""
+    """Greatest distance of the hand from the optical axis along u and v, pixels at a focal length of 500."""
     fill: tuple[float, float] = (0.55, 0.85)
     """Least and greatest side of the hand's bounding square, as a share of the crop."""
 
