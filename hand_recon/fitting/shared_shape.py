@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from hand_recon.fitting.objective import Objective
+from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import data_weights
 from hand_recon.fitting.second_order.least_squares import Problem
@@ -24,6 +24,7 @@ from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import SHAPE, Unknowns
 from hand_recon.fitting.start import Start
+from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters
 
 ROUNDS: Final = 5
@@ -204,3 +205,22 @@ def shared_shape(
             unknowns = replace(unknowns, shape=shape.expand_as(unknowns.shape).contiguous())
         shape = combined_shape(ShapeModel.of(problem, unknowns), terms).to(unknowns.shape)
     return shape
+
+
+def with_shape(fitted: Fitted, shape: Float[Tensor, " direction=10"], prior: Prior) -> Fitted:
+    """Fits of a hand of one shape as fits of the hand model that it came from.
+
+    Args:
+        fitted: Fits of `HandModel.of_shape(shape)`.
+        shape: Coefficients, standard deviations.
+        prior: Prior of the fits; its values become those of this shape.
+    """
+    parameters = fitted.prediction.parameters
+    whole = replace(parameters, shape=shape.to(parameters.shape).expand_as(parameters.shape))
+    # Terms that need the surface do not depend on the coefficients.
+    with torch.no_grad():
+        raw = prior(whole)
+    weighted = {f"weighted/{name}": value for name, value in prior.weighted(raw).items()}
+    more = sum((value - fitted.loss[name] for name, value in weighted.items()), torch.zeros(()))
+    loss = fitted.loss | raw | weighted | {"total": fitted.loss["total"] + more}
+    return replace(fitted, prediction=replace(fitted.prediction, parameters=whole), loss=loss)

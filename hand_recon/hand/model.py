@@ -188,6 +188,7 @@ class HandModel(nn.Module):
             shape: Coefficients of the shape directions, standard deviations.
         """
         fixed = copy.deepcopy(self)
+        fixed.name = f"{self.name} of one shape"
         moved = shape.to(self.template)
         fixed.template = self.template + self.shape_directions @ moved
         fixed.joints_template = self.joints_template + self.joint_shape_directions @ moved

@@ -13,7 +13,7 @@ from hand_recon.command_line.composing import composed
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, file_origins, source_of
+from hand_recon.runs.fit_run import adapted_to_data, file_origins, fitter_of, source_of
 from hand_recon.runs.reconstructed_hands import ReconstructedHands
 
 SIDES: Final = ("right", "left")
@@ -70,7 +70,7 @@ def fit_landmarks(
         config = adapted_to_data(composed("fit", overrides))
         hand = build_hand(config)
         origins = file_origins(landmarks, source_of(config, hand))
-        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand), origins=origins))
+        parts = tuple(fit_in_parts(landmarks, fitter_of(config, hand, landmarks), origins=origins))
     return ReconstructedHands(parts, hand.faces.numpy())
 
 

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from hand_recon.runs.configuration import (
     plain,
 )
 from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
+from hand_recon.runs.one_person import one_person_fitter
 from hand_recon.runs.unfinished import (
     claim_or_resume,
     file_state,
@@ -87,9 +89,9 @@ def fit(config: DictConfig) -> dict[str, Any]:
     hand = build_hand(config)
     logger.info("Fitting with %d thread(s) into %s", threads, folder)
     rest = landmarks.select(slice(len(done or ()), None))
-    parts = fit_in_parts(
-        rest, build_fitter(config, hand), origins=file_origins(rest, source_of(config, hand))
-    )
+    # Of all hands, so that an interrupted fit goes on with the same shape of the person.
+    fitter = fitter_of(config, hand, landmarks)
+    parts = fit_in_parts(rest, fitter, origins=file_origins(rest, source_of(config, hand)))
     summary = write_results(folder, parts, hand.faces, options, done=done or [])
     finish(folder)
     check_outcome(summary, strict=config.strict)
@@ -116,6 +118,11 @@ def _fit_dataset(config: DictConfig, folder: Path) -> dict[str, Any]:
     # Datasets and their scores need Lightning and torchmetrics, which take seconds to import.
     from hand_recon.runs.fit_dataset_run import fit_dataset
 
+    if config.same_person:
+        raise ValueError(
+            "same_person=true with data=: the test hands of a dataset are of several people. Leave it out, "
+            "or give the landmarks of one person."
+        )
     claim_results_folder(folder, "config.yaml")
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     hand = build_hand(config)
@@ -202,8 +209,8 @@ def adapted_to_data(config: DictConfig) -> DictConfig:
     return config
 
 
-def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
-    """Build the fit that a configuration describes.
+def build_objective(config: DictConfig, hand: HandModel) -> Objective:
+    """Build the loss of a fit.
 
     Args:
         config: `conf/fit.yaml` composed.
@@ -218,7 +225,42 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
             "Fitting is given each landmark's σ and cannot estimate correlations, which this data "
             "term needs. Use data_term=mse, mse_then_nll, laplace or mse_rescaled."
         )
-    objective = Objective(hand, build_prior(config.prior, hand), data_term)
+    return Objective(hand, build_prior(config.prior, hand), data_term)
+
+
+def fitter_of(config: DictConfig, hand: HandModel, landmarks: ImageLandmarks) -> Fitter:
+    """Build the fit of some landmarks: that of any hands, or that of one person's (`same_person`).
+
+    Args:
+        config: `conf/fit.yaml` or `conf/predict.yaml` composed.
+        hand: The hand to fit.
+        landmarks: All hands; the shape of one person is estimated from them.
+
+    Raises:
+        ValueError: As of `build_fitter` and `one_person_fitter`.
+    """
+    if not config.same_person:
+        return build_fitter(config, hand)
+    return one_person_fitter(
+        partial(build_fitter, config),
+        build_objective(config, hand),
+        instantiate(config.descent),
+        landmarks,
+        sigma_at_half_confidence=config.sigma_at_half_confidence,
+    )
+
+
+def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
+    """Build the fit that a configuration describes.
+
+    Args:
+        config: `conf/fit.yaml` composed.
+        hand: The hand to fit.
+
+    Raises:
+        ValueError: The data term needs correlations, which a fit cannot estimate.
+    """
+    objective = build_objective(config, hand)
     descent = with_possible_solver(instantiate(config.descent), objective)
     further = None
     if names_lifter(config.lifter):

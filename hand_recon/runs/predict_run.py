@@ -19,7 +19,13 @@ from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, refuse_doubts, source_of
+from hand_recon.runs.fit_run import (
+    adapted_to_data,
+    build_fitter,
+    fitter_of,
+    refuse_doubts,
+    source_of,
+)
 from hand_recon.runs.looking import (
     LookedAt,
     build_detector,
@@ -113,6 +119,7 @@ class _Stages:
     """The detector and the fit of a command, and the photographs that they are run on."""
 
     def __init__(self, config: DictConfig, files: Sequence[Path]) -> None:
+        self.config = config
         self.files = list(files)
         # Names that are not UTF-8 could not be written.
         self.names = [
@@ -135,13 +142,20 @@ class _Stages:
         self, done: frozenset[str] = frozenset()
     ) -> Iterator[tuple[list[LookedAt], FittedHands | None]]:
         """Find and fit the hands, some photographs at a time; None for a batch without hands."""
-        for batch in _batches(self.looked_at(done)):
+        fitter, looked = self.fitter, self.looked_at(done)
+        if self.config.same_person:
+            # Also of photographs that are done: a person's shape is that of all hands.
+            everything = list(self.looked_at())
+            landmarks, _ = to_landmarks(everything, self.origin)
+            fitter = fitter_of(self.config, self.hand, landmarks)
+            looked = (one for one in everything if one.name not in done)
+        for batch in _batches(looked):
             if not any(one.hands for one in batch):
                 yield batch, None
                 continue
             start = time.perf_counter()
             landmarks, origins = to_landmarks(batch, self.origin)
-            part = fit_part(landmarks, self.fitter, origins)
+            part = fit_part(landmarks, fitter, origins)
             each = (time.perf_counter() - start) / len(part)
             yield [one.with_time("fit", each * len(one.hands)) for one in batch], part
 

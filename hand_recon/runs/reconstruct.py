@@ -15,7 +15,7 @@ from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_landmarks import check_cameras, check_overrides
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
+from hand_recon.runs.fit_run import adapted_to_data, fitter_of, source_of
 from hand_recon.runs.looking import (
     LookedAt,
     build_detector,
@@ -66,7 +66,7 @@ def reconstruct(
         ]
         _refuse_errors(looked)
         landmarks, origins = to_landmarks(looked, source_of(config, hand, detector.name))
-        parts = tuple(fit_in_parts(landmarks, build_fitter(config, hand), origins=origins))
+        parts = tuple(fit_in_parts(landmarks, fitter_of(config, hand, landmarks), origins=origins))
     owners = tuple(one.number for one in looked for _ in one.hands)
     return ReconstructedHands(
         parts, hand.faces.numpy(), tuple(photo.pixels for photo in photos), owners

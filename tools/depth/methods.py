@@ -16,7 +16,7 @@ from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.in_parts import fit_in_parts, fit_part
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter
+from hand_recon.runs.fit_run import adapted_to_data, build_fitter, fitter_of
 
 TABLE_1: Final = {
     "1 no knowledge": ("prior=none", "data_term=mse"),
@@ -106,6 +106,8 @@ def run(method: Method, hands: DepthSet, alone: int = 20) -> Run:
     # What is loaded or computed on first use is not the cost of a hand.
     fit_part(landmarks.select(slice(0, 2)), fitter)
     began = time.process_time()
+    if config.same_person:
+        fitter = fitter_of(config, hand, landmarks)
     parts = tuple(fit_in_parts(landmarks, fitter))
     batch_ms = 1000 * (time.process_time() - began) / len(hands)
     wrong = sum(int((~part.fitted).sum()) for part in parts)
