@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 from hand_recon.detection.box_files import BoxFile, GivenBox
 from hand_recon.detection.detector import DetectedHand, Detections
 from hand_recon.detection.hands import LandmarkNetwork
+from hand_recon.detection.landmark_noise import LandmarkNoise
 from hand_recon.detection.model_download import model_loader
 from hand_recon.detection.models import LANDMARKS
 from hand_recon.detection.regions import Region, region_of_image
@@ -26,11 +27,17 @@ class _SquareReader:
     """Reads the hand of one square of an image, up to four directions of it."""
 
     def __init__(
-        self, thresholds: Thresholds, margin: float, threads: int, models: str | Path | None
+        self,
+        thresholds: Thresholds,
+        margin: float,
+        copies: int,
+        threads: int,
+        models: str | Path | None,
     ) -> None:
         if not 0.5 <= margin <= 5:
             raise ValueError(f"Expected detector.margin between 0.5 and 5, found {margin:g}.")
         self.margin, self.thresholds = margin, thresholds
+        self.noise = LandmarkNoise(copies)
         self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
 
     def read(
@@ -40,7 +47,9 @@ class _SquareReader:
         square = replace(region, side=self.margin * region.side)
         reading = self.read_hand.read_box(image, square)
         objection = self.thresholds.objection(reading)
-        return to_hand(reading) if objection is None else objection
+        if objection is not None:
+            return objection
+        return to_hand(self.noise(self.read_hand, image, reading))
 
 
 class BoxDetector(_SquareReader):
@@ -59,6 +68,7 @@ class BoxDetector(_SquareReader):
         min_presence: float = 0.5,
         min_side: float = 20.0,
         margin: float = MARGIN,
+        copies: int = 0,
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:
@@ -69,6 +79,7 @@ class BoxDetector(_SquareReader):
             min_presence: Least presence of a hand, 0 to 1.
             min_side: Least extent of a hand's landmarks, pixels.
             margin: Side of the first square, in longer sides of the box.
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
             threads: Number of threads of the network.
             models: Folder of the models; none for the cache's.
 
@@ -76,7 +87,7 @@ class BoxDetector(_SquareReader):
             FileNotFoundError: There is no such file.
             ValueError: The file or an option cannot be used.
         """
-        super().__init__(Thresholds(min_presence, min_side), margin, threads, models)
+        super().__init__(Thresholds(min_presence, min_side), margin, copies, threads, models)
         self.boxes = BoxFile(boxes)
 
     def __call__(
@@ -135,6 +146,7 @@ class WholeImageDetector(_SquareReader):
         min_presence: float = 0.5,
         min_side: float = 20.0,
         margin: float = WHOLE_MARGIN,
+        copies: int = 0,
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:
@@ -144,13 +156,14 @@ class WholeImageDetector(_SquareReader):
             min_presence: Least presence of a hand, 0 to 1.
             min_side: Least extent of a hand's landmarks, pixels.
             margin: Side of the first square, in longer sides of the image.
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
             threads: Number of threads of the network.
             models: Folder of the models; none for the cache's.
 
         Raises:
             ValueError: An option is out of its range.
         """
-        super().__init__(Thresholds(min_presence, min_side), margin, threads, models)
+        super().__init__(Thresholds(min_presence, min_side), margin, copies, threads, models)
 
     def __call__(
         self, image: UInt8[np.ndarray, "height width 3"], file: Path | None = None

@@ -54,6 +54,8 @@ class HandReading:
     """Probability of a hand, 0 to 1."""
     right: float
     """Probability of a right hand, if the image is not mirrored, 0 to 1."""
+    sigma: Float[np.ndarray, "landmark=21"] | None = None
+    """Standard deviation of each landmark, pixels of the image; none before it is estimated."""
 
     @property
     def side(self) -> Side:
@@ -94,13 +96,13 @@ class LandmarkNetwork:
         screen, presence, right, world = self.network(region.crop(image, size))
         places = screen.reshape(21, 3)[:, :2].astype(np.float64)
         affine = region.crop_to_image(size)
-        cosine, sine = math.cos(region.rotation), math.sin(region.rotation)
-        about_z = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+        to_image = np.eye(3)
+        to_image[:2, :2] = region.axes
         return HandReading(
             places @ affine[:, :2].T + affine[:, 2],
-            world.reshape(21, 3).astype(np.float64) @ about_z.T,
+            world.reshape(21, 3).astype(np.float64) @ to_image.T,
             float(presence[0]),
-            float(right[0]),
+            1 - float(right[0]) if region.mirrored else float(right[0]),
         )
 
     def look_twice(self, image: UInt8[np.ndarray, "height width 3"], region: Region) -> HandReading:

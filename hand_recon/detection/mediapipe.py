@@ -1,6 +1,8 @@
 """MediaPipe's hand detection: palms in the whole image, then the landmarks of each hand."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -9,6 +11,7 @@ from jaxtyping import UInt8
 
 from hand_recon.detection.detector import Detections
 from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_false_twin, is_repeated
+from hand_recon.detection.landmark_noise import LandmarkNoise
 from hand_recon.detection.model_download import model_loader
 from hand_recon.detection.models import LANDMARKS, PALMS
 from hand_recon.detection.palms import Palm, PalmNetwork, best_of_overlapping
@@ -39,8 +42,12 @@ class _Look:
         else:
             self.dropped.append(objection)
 
-    def detections(self) -> Detections:
-        """The hands, without second readings of the same hand."""
+    def detections(self, complete: Callable[[HandReading], HandReading]) -> Detections:
+        """The hands, without second readings of the same hand.
+
+        Args:
+            complete: Function that adds σ to a reading.
+        """
         hands = []
         for reading, palm in zip(self.readings, self.palms, strict=True):
             if any(is_false_twin(reading, other) for other in self.readings):
@@ -50,7 +57,7 @@ class _Look:
                     "higher presence and is taken for the same"
                 )
             else:
-                hands.append(to_hand(reading, palm.score))
+                hands.append(to_hand(complete(reading), palm.score))
         return Detections(tuple(hands), tuple(self.dropped))
 
 
@@ -67,6 +74,7 @@ class MediaPipeDetector:
         min_presence: float = 0.5,
         min_side: float = 20.0,
         padding: float | str = "auto",
+        copies: int = 0,
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:
@@ -80,6 +88,7 @@ class MediaPipeDetector:
             padding: Side of the square in which palms are looked for, in longer sides of the image. More than
                 1 finds hands that fill the image, and misses small ones. `auto`: both 1 and 1.7, and the
                 better palm of those that overlap.
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
             threads: Number of threads of each network.
             models: Folder of the models; none for the cache's.
 
@@ -95,6 +104,7 @@ class MediaPipeDetector:
         self.max_hands = max_hands
         self.min_palm_score = min_palm_score
         self.thresholds = Thresholds(min_presence, min_side)
+        self.noise = LandmarkNoise(copies)
         self.find_palms = PalmNetwork(model_loader(PALMS, models), threads)
         self.read_hand = LandmarkNetwork(model_loader(LANDMARKS, models), threads)
 
@@ -118,7 +128,7 @@ class MediaPipeDetector:
                 look.add(palm, self.read_hand(image, palm.region))
             else:
                 look.dropped.append(doubt)
-        return look.detections()
+        return look.detections(partial(self.noise, self.read_hand, image))
 
     def _palms(self, image: UInt8[np.ndarray, "height width 3"]) -> list[Palm]:
         """Palms of every padding, the best first; of those that overlap, the best."""

@@ -44,6 +44,15 @@ class Region:
     """Length of a side, pixels."""
     rotation: float = 0.0
     """Angle from the image's axes to the square's, radians, clockwise as seen."""
+    mirrored: bool = False
+    """True if the crop is reversed from left to right after the rotation."""
+
+    @property
+    def axes(self) -> Float[np.ndarray, "2 2"]:
+        """Directions of the crop's axes in the image, as columns of length 1."""
+        cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
+        across = -1.0 if self.mirrored else 1.0
+        return np.array([[across * cosine, -sine], [across * sine, cosine]])
 
     def crop_to_image(self, size: int) -> Float[np.ndarray, "2 3"]:
         """Affine map from pixels of a crop of this square to pixels of the image, corner to corner.
@@ -51,8 +60,7 @@ class Region:
         Args:
             size: Side of the crop, pixels.
         """
-        cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
-        axes = self.side / size * np.array([[cosine, -sine], [sine, cosine]])
+        axes = self.side / size * self.axes
         origin = np.array([self.x, self.y]) - axes @ np.array([size / 2, size / 2])
         return np.column_stack([axes, origin])
 

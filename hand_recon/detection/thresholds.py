@@ -67,4 +67,5 @@ def to_hand(reading: HandReading, palm_score: float | None = None) -> DetectedHa
         side_score=reading.side_score,
         palm_score=palm_score,
         landmarks_3d=reading.landmarks_3d,
+        sigma=reading.sigma,
     )

@@ -1,0 +1,1 @@
+"""Measurements of σ of the detector's landmarks, for `tools/measure_landmark_noise.py`."""
