@@ -5,10 +5,17 @@ from importlib.resources import files
 import numpy as np
 import torch
 
+from hand_recon.hand.landmark_offsets import with_offsets
 from hand_recon.hand.model import HandAsset, HandModel
 
 ASSET = "assets/open_hand.npz"
 """The asset, built by `tools/build_open_hand.py`; `assets/NOTICE.md` gives its origin."""
+
+DETECTOR_LANDMARKS = "assets/mediapipe_landmarks.npz"
+"""`offsets` (21 × 3, metres): where MediaPipe puts the landmarks, from the set `knuckle`, fixed to the bones.
+
+Learnt from 2D landmarks of photographs by `tools/learn_from_landmarks.py`; `assets/NOTICE.md` gives its origin.
+"""
 
 MANO_LABELLED = ("freihand", "dexycb", "ho3d")
 """Datasets labelled with MANO, for which the open hand approximates the landmarks by its set `mano`.
@@ -40,9 +47,26 @@ def load_open_hand() -> HandAsset:
     regressors |= dict.fromkeys(MANO_LABELLED, regressors["mano"])
     integers = {name: arrays.pop(name).long() for name in ("faces", "wrist_ring")}
     floats = {name: array.float() for name, array in arrays.items()}
-    return HandAsset(name="open", landmark_regressors=regressors, **integers, **floats)
+    asset = HandAsset(name="open", landmark_regressors=regressors, **integers, **floats)
+    _add_detector_landmarks(asset)
+    return asset
+
+
+def _add_detector_landmarks(asset: HandAsset) -> None:
+    """Add the landmark set `mediapipe` to an asset that has `knuckle`."""
+    path = files("hand_recon.hand") / DETECTOR_LANDMARKS
+    if path.is_file():
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            offsets = torch.from_numpy(archive["offsets"])
+        knuckle = asset.landmark_regressors["knuckle"]
+        asset.landmark_regressors["mediapipe"] = with_offsets(asset, knuckle, offsets)
 
 
 def open_hand(landmark_set: str = "knuckle") -> HandModel:
-    """Build the open hand with a landmark set: `knuckle`, or `mano` or one of `MANO_LABELLED`."""
+    """Build the open hand with a landmark set.
+
+    Args:
+        landmark_set: `knuckle` (rotation centres, as people mark them), `mediapipe` (as the detector marks
+            them), or `mano` or one of `MANO_LABELLED`.
+    """
     return HandModel(load_open_hand(), landmark_set)

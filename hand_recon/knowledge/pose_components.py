@@ -10,29 +10,22 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor, nn
 
 from hand_recon.hand.model import HandModel
-from hand_recon.knowledge.terms import Term
-from hand_recon.schema import HandParameters
+from hand_recon.knowledge.pose_distance import PoseDistance, PoseDistanceTerm
 
 TABLE: Final = "tables/pose_components.npz"
 """`mean` (45) and `deviations` (45), radians; `components` (45 × 45), one per row, by falling deviation."""
 
 
-class PoseComponents(nn.Module):
+class PoseComponents(PoseDistance):
     """Squared Mahalanobis distance of a pose from the mean pose.
 
     Raises:
         FileNotFoundError: The table is not beside this module.
     """
 
-    mean: Tensor
-    whitening: Tensor
-
     def __init__(self) -> None:
-        super().__init__()
         path = files("hand_recon.knowledge") / TABLE
         if not path.is_file():
             raise FileNotFoundError(
@@ -41,32 +34,11 @@ class PoseComponents(nn.Module):
             )
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             tables = {name: torch.from_numpy(archive[name]) for name in archive.files}
-        whitening = tables["components"] / tables["deviations"][:, None]
-        self.register_buffer("mean", tables["mean"], persistent=False)
-        self.register_buffer("whitening", whitening, persistent=False)
-
-    def forward(
-        self, joint_angles: Float[Tensor, "*batch joint=15 axis=3"]
-    ) -> Float[Tensor, "*batch"]:
-        """One value per hand: the sum of squared coefficients, each in standard deviations.
-
-        Args:
-            joint_angles: Bend, splay and twist, radians.
-        """
-        from_mean = joint_angles.flatten(-2) - self.mean.to(joint_angles)
-        coefficients = from_mean @ self.whitening.to(joint_angles).mT
-        return coefficients.square().sum(dim=-1)
+        super().__init__(tables["mean"], tables["components"] / tables["deviations"][:, None])
 
 
-class PoseComponentsTerm(Term):
+class PoseComponentsTerm(PoseDistanceTerm):
     """The distance to the mean pose as a term of the prior, with its weight (`prior=pca_mean`)."""
 
     def __init__(self, hand: HandModel, *, weight: float) -> None:
-        super().__init__(hand, weight=weight)
-        self.components = PoseComponents()
-
-    def forward(
-        self, parameters: HandParameters, vertices: Float[Tensor, "*batch vertex 3"] | None
-    ) -> Float[Tensor, "*batch"]:
-        """Squared standard deviations."""
-        return self.components(parameters.joint_angles)
+        super().__init__(hand, weight=weight, distance=PoseComponents())

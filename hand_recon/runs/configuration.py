@@ -42,6 +42,7 @@ TRUSTED: Final = frozenset(
         "hand_recon.hand.open_hand.open_hand",
         "hand_recon.knowledge.adversarial.AdversarialTerm",
         "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy",
+        "hand_recon.knowledge.natural_pose.NaturalPoseTerm",
         "hand_recon.knowledge.pose_components.PoseComponentsTerm",
         "hand_recon.knowledge.terms.NonPenetrationTerm",
         "hand_recon.knowledge.terms.RangeOfMotionTerm",

@@ -40,6 +40,7 @@ PRIOR: Final = (
     "prior.range_of_motion.anatomy",
     "prior.non_penetration.weight",
     "prior.shape.weight",
+    "prior.natural_pose.weight",
     "prior.pose_components.weight",
     "prior.adversarial.weight",
 )

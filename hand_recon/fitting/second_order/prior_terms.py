@@ -10,9 +10,10 @@ from typing import Final, Self
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn import Module
 
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
-from hand_recon.knowledge.pose_components import PoseComponentsTerm
+from hand_recon.knowledge.pose_distance import PoseDistanceTerm
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import NonPenetrationTerm, RangeOfMotionTerm, ShapeTerm
 
@@ -140,7 +141,8 @@ class PriorTerms:
         prior: The prior.
         centred: Whether to add half the squared distance of every angle from the middle of its range, in
             standard deviations of a uniform distribution over the range. The ranges alone leave angles that
-            landmarks do not determine anywhere; with it, they go to the middle.
+            landmarks do not determine anywhere; with it, they go to the middle. A prior with a mean pose
+            does not need it.
     """
 
     def __init__(self, prior: Prior, *, centred: bool = False) -> None:
@@ -148,9 +150,9 @@ class PriorTerms:
         ranges = [term for term in terms if type(term) is RangeOfMotionTerm]
         self._range = ranges[0] if ranges else None
         self._shape_weight = sum(term.weight for term in terms if type(term) is ShapeTerm)
-        self._components = [term for term in terms if type(term) is PoseComponentsTerm]
+        self._distances = [term for term in terms if _is_pose_distance(term)]
         self._centre: tuple[Tensor, Tensor] | None = None
-        if centred and self._range is not None:
+        if centred and self._range is not None and not self._distances:
             self._centre = _uniform_moments(self._range)
 
     def free(self) -> Int[Tensor, " unknown"]:
@@ -181,9 +183,10 @@ class PriorTerms:
             gradient[:, ANGLES] += precision * (angles - mean)
             diagonal[:, ANGLES] += precision
         matrix = None
-        for term in self._components:
-            scale, whitening = 2 * term.weight, term.components.whitening.to(angles)
-            coefficients = (angles - term.components.mean.to(angles)) @ whitening.mT
+        for term in self._distances:
+            distance, scale = term.distance, 2 * term.weight
+            whitening = distance.whitening.to(angles)
+            coefficients = (angles - distance.mean.to(angles)) @ whitening.mT
             value = value + scale / 2 * coefficients.square().sum(dim=1)
             gradient[:, ANGLES] += scale * coefficients @ whitening
             matrix = shape.new_zeros(COUNT, COUNT)
@@ -213,15 +216,22 @@ def without_second_derivatives(prior: Prior) -> list[str]:
     Args:
         prior: The prior.
     """
-    known = (RangeOfMotionTerm, ShapeTerm, PoseComponentsTerm, NonPenetrationTerm)
-    once = (RangeOfMotionTerm, PoseComponentsTerm, NonPenetrationTerm)
+    known = (RangeOfMotionTerm, ShapeTerm, NonPenetrationTerm)
+    once = (RangeOfMotionTerm, NonPenetrationTerm)
     seen: list[type] = []
     names = []
     for name, term in prior.terms.items():
-        if type(term) not in known or (type(term) in once and type(term) in seen):
+        # Classes derived from the others may have another loss.
+        possible = type(term) in known or _is_pose_distance(term)
+        if not possible or (type(term) in once and type(term) in seen):
             names.append(name)
         seen.append(type(term))
     return names
+
+
+def _is_pose_distance(term: Module) -> bool:
+    """Return true for a term whose loss is the squared distance from a mean pose."""
+    return isinstance(term, PoseDistanceTerm) and type(term).forward is PoseDistanceTerm.forward
 
 
 def _uniform_moments(term: RangeOfMotionTerm) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,55 @@
+"""Natural poses: the distance of a pose from how living hands are held, as a term of the prior.
+
+Ranges of motion say what a hand can do, and inside them every pose is equally good. What one image leaves
+open, such as the depth of a bent finger, is then left open. Living hands prefer some poses: PIP and DIP of a
+finger bend together, neighbouring fingers do, and few joints are held at the end of their range. The mean and
+the covariance of all joint angles hold this; their principal axes are the postural synergies of Santello et
+al. (J. Neurosci. 18(23), 1998). Ours are learnt from 2D landmarks of photographs, with no 3D data:
+`tools/learn_from_landmarks.py`.
+"""
+
+from importlib.resources import files
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.hand.model import HandModel
+from hand_recon.knowledge.pose_distance import PoseDistance, PoseDistanceTerm
+
+TABLE: Final = "tables/natural_poses.npz"
+"""`mean` (45), radians, and `covariance` (45 × 45), squared radians."""
+
+
+class NaturalPoseTerm(PoseDistanceTerm):
+    """Squared distance of a pose from natural poses (`prior=natural`).
+
+    Args:
+        hand: The hand model.
+        weight: Factor of the squared distance; ½ makes it the negative logarithm of a Gaussian.
+
+    Raises:
+        FileNotFoundError: The table is not beside this module.
+    """
+
+    def __init__(self, hand: HandModel, *, weight: float = 0.5) -> None:
+        distance = PoseDistance.of_gaussian(*natural_poses())
+        super().__init__(hand, weight=weight, distance=distance)
+
+
+def natural_poses() -> tuple[Float[Tensor, " angle=45"], Float[Tensor, "angle=45 angle=45"]]:
+    """Read the mean, radians, and the covariance, squared radians, of natural poses.
+
+    Raises:
+        FileNotFoundError: The table is not beside this module.
+    """
+    path = files("hand_recon.knowledge") / TABLE
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"No natural poses at {path}. They are part of the repository: restore them with git, or learn "
+            "them anew with `python -m tools.learn_from_landmarks`."
+        )
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        return torch.from_numpy(archive["mean"]), torch.from_numpy(archive["covariance"])
