@@ -148,7 +148,8 @@ def combined_shape(model: ShapeModel, terms: PriorTerms) -> Float[Tensor, " dire
         terms: Terms of the prior.
     """
     hands = len(model.at)
-    shape = model.at.median(dim=0).values
+    # Contiguous, because PyTorch's median over the rows of an expanded tensor reads other memory (2.15).
+    shape = model.at.contiguous().median(dim=0).values
     for _ in range(REWEIGHTINGS):
         # Maximum likelihood of a t distribution, in the ten coefficients.
         weight = ((FREEDOM + 10) / (FREEDOM + model.excess(shape))).clamp(max=1.0)

@@ -245,3 +245,16 @@ def test_the_hand_of_its_landmarks_keeps_pose_directions() -> None:
     assert len(light.pose_directions) == len(light.template)
     angles, shape = pose((4,))
     assert_close(light(angles, shape).landmarks, whole(angles, shape).landmarks)
+
+
+def test_a_hand_of_one_shape_is_the_model_with_this_shape_whatever_its_coefficients(
+    hand64: HandModel,
+) -> None:
+    shape = torch.randn(10, dtype=torch.float64)
+    pose = 0.3 * torch.randn(3, 15, 3, dtype=torch.float64)
+    found = hand64.of_shape(shape)(pose, torch.randn(3, 10, dtype=torch.float64))
+    expected = hand64(pose, shape.expand(3, 10))
+    for name in ("vertices", "joints", "landmarks"):
+        assert_close(getattr(found, name), getattr(expected, name))
+    # The model itself is not changed.
+    assert not torch.allclose(found.joints[0], hand64(pose[0], 0 * shape).joints)

@@ -8,6 +8,7 @@ from jaxtyping import Float, UInt8
 
 from depth.comparison import Scored, worst
 from hand_recon.evaluation.alignment import align_official
+from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.visualization.canvas import Panel, sheet
 from hand_recon.visualization.hand_marks import draw_given, draw_skeleton
 
@@ -38,11 +39,18 @@ def draw_worst(scored: Scored, count: int) -> UInt8[np.ndarray, "height width 3"
     for place in worst(scored, count):
         title = f"{scored.hands.landmarks.names[place]}: {float(scored.errors[place]):.1f} mm"
         seen, side = _views(scored, place)
-        panels += [Panel(seen, title), Panel(side, "ground truth and fit")]
+        panels += [Panel(seen, title), Panel(side, _largest(scored, place))]
     width = 2 * PAIRS
     panels += [None] * (-len(panels) % width)
     rows = [panels[first : first + width] for first in range(0, len(panels), width)]
     return sheet(rows, columns=VIEWS * PAIRS)
+
+
+def _largest(scored: Scored, place: int) -> str:
+    """The three landmarks of a hand that are farthest off, with their errors."""
+    errors = scored.landmark_errors[place]
+    order = errors.argsort(descending=True)[:3].tolist()
+    return ", ".join(f"{LANDMARKS[index]} {float(errors[index]):.0f}" for index in order) + " mm"
 
 
 def _views(scored: Scored, place: int) -> tuple[np.ndarray, np.ndarray]:

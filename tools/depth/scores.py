@@ -62,7 +62,8 @@ def _residuals(
 ) -> Tensor:
     """Projections minus landmarks of hands scaled about the first camera's centre, pixels."""
     moved = scale[..., None, None] * points + second.translation
-    return project(moved, second.intrinsics) - second.landmarks_2d
+    cameras = second.intrinsics.expand(*moved.shape[:-2], 3, 3)
+    return project(moved, cameras) - second.landmarks_2d
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,129 @@
+"""`same_person`: the hands of a file, of photographs and of arrays are fitted with one shape."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import hand_recon
+from hand_recon.camera import project
+from hand_recon.fitting import in_parts
+from hand_recon.hand.model import HandModel
+from hand_recon.runs import fit_run
+from hand_recon.runs.fit_run import fit
+from hand_recon.runs.predict_run import predict
+from tests.commands.test_fit import CAMERA, asked
+from tests.support import photo_folder
+from tests.support.views import known_hands, views
+
+COUNT = 5
+WORDS = ("lifter=none", "descent.starts=2", "results.meshes=0", "results.pictures=0")
+
+
+def pixels(hand: HandModel, count: int = COUNT) -> torch.Tensor:
+    """Landmarks before `CAMERA`; every other hand is a left one."""
+    one_shape = torch.linspace(-1.5, 1.5, 10).expand(count, 10)
+    batch = views(hand, replace(known_hands(hand, count), shape=one_shape))
+    assert batch.landmarks_3d is not None
+    found = project(batch.landmarks_3d, torch.tensor(CAMERA).expand(count, 3, 3))
+    found[1::2, :, 0] = 2 * CAMERA[0][2] - found[1::2, :, 0]
+    return found
+
+
+@pytest.fixture
+def landmarks(hand: HandModel, tmp_path: Path) -> Path:
+    """Hands with σ of a pixel, and one that has too few landmarks."""
+    entries: list[dict[str, Any]] = [
+        {"side": "left" if number % 2 else "right", "landmarks": points, "sigma": [1.0] * 21}
+        for number, points in enumerate(pixels(hand).tolist())
+    ]
+    entries[2]["landmarks"][3:] = [None] * 18
+    path = tmp_path / "hands.json"
+    path.write_text(json.dumps(entries))
+    (tmp_path / "K.json").write_text(json.dumps(CAMERA))
+    return path
+
+
+def shapes(folder: Path) -> list[Any]:
+    entries = json.loads((folder / "hands.json").read_text())
+    return [entry["shape"] for entry in entries if entry["shape"] is not None]
+
+
+def test_all_hands_of_a_file_have_one_shape(landmarks: Path, tmp_path: Path) -> None:
+    words = (f"landmarks={landmarks}", f"intrinsics={tmp_path / 'K.json'}", *WORDS)
+    summary = fit(asked(tmp_path / "person", *words, "same_person=true"))
+    fit(asked(tmp_path / "any", *words))
+    assert (summary["hands"], summary["fitted"]) == (COUNT, COUNT - 1)
+    person, others = shapes(tmp_path / "person"), shapes(tmp_path / "any")
+    assert len(person) == COUNT - 1
+    assert all(shape == person[0] for shape in person)
+    assert any(shape != others[0] for shape in others)
+    # The landmarks are met as well as before: the shape is one that the hands could have.
+    entries = [
+        json.loads((tmp_path / name / "hands.json").read_text()) for name in ("person", "any")
+    ]
+    residuals = [np.mean([entry["residual"] or 0 for entry in hands]) for hands in entries]
+    assert residuals[0] < residuals[1] + 2.0
+
+
+def test_parts_of_a_file_and_an_interruption_do_not_change_the_shape(
+    landmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = (f"landmarks={landmarks}", *WORDS, "same_person=true")
+    fit(asked(tmp_path / "whole", *words))
+    real, stops = in_parts.fit_in_parts, itertools.count()
+
+    def one_by_one(hands: Any, fitter: Any, **options: Any) -> Any:  # noqa: ANN401
+        interrupted = next(stops) == 0
+        for number, part in enumerate(real(hands, fitter, size=1, **options)):
+            if interrupted and number == 2:
+                raise KeyboardInterrupt
+            yield part
+
+    monkeypatch.setattr(fit_run, "fit_in_parts", one_by_one)
+    with pytest.raises(KeyboardInterrupt):
+        fit(asked(tmp_path / "out", *words))
+    fit(asked(tmp_path / "out", *words))
+    assert shapes(tmp_path / "out") == shapes(tmp_path / "whole")
+
+
+def test_one_hand_alone_is_fitted_as_without(hand: HandModel) -> None:
+    one = pixels(hand, 1)[0].numpy()
+    fits = [
+        hand_recon.fit_landmarks(one, intrinsics=CAMERA, overrides=[*WORDS[:2], *more])
+        for more in ([], ["same_person=true"])
+    ]
+    np.testing.assert_array_equal(fits[0].landmarks_3d, fits[1].landmarks_3d)
+
+
+def test_arrays_have_one_shape_that_both_sides_share(hand: HandModel) -> None:
+    sides = ["left" if number % 2 else "right" for number in range(COUNT)]
+    found = hand_recon.fit_landmarks(
+        pixels(hand).numpy(),
+        side=sides,
+        intrinsics=CAMERA,
+        overrides=[*WORDS[:2], "same_person=true"],
+    )
+    shape = torch.cat([part.prediction.parameters.shape for part in found.parts])
+    assert (shape == shape[0]).all()
+    assert found.sides == tuple(sides)
+
+
+def test_hands_of_all_photographs_have_one_shape(hand: HandModel, tmp_path: Path) -> None:
+    folder = photo_folder.photo_folder(hand, tmp_path)
+    with pytest.raises(ValueError, match="1 of 4 images could not be processed"):
+        predict(photo_folder.asked(folder, "same_person=true", "results.overlays=false"))
+    person = shapes(folder / "out")
+    assert len(person) == 3
+    assert all(shape == person[0] for shape in person)
+
+
+def test_the_hands_of_a_dataset_are_not_one_persons(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"same_person=true with data=.*several people"):
+        fit(asked(tmp_path / "out", "data=views", "same_person=true"))
+    assert not (tmp_path / "out" / "config.yaml").exists()

@@ -1,0 +1,193 @@
+"""Errors and intervals of the measurement of depth, and the forms that it prints."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from depth.comparison import PREVIOUS, Scored, as_json, markdown, worst
+from depth.drawing import draw_worst
+from depth.methods import TABLE_1, Method, run
+from depth.scores import aligned_errors, grouped_mean, second_view_errors
+from depth.sets import DepthSet, SecondCamera
+from hand_recon.camera import project
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.hand.model import HandModel
+from measure_depth import main
+from tests.support.views import known_hands, views
+
+ROTATION = torch.tensor([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=torch.float64)
+"""From the first camera's frame to that of a camera that looks along its x axis."""
+
+
+def second(points: torch.Tensor) -> SecondCamera:
+    """A camera beside the hands that sees them exactly."""
+    K = torch.tensor([[800.0, 0, 320], [0, 800, 240], [0, 0, 1]], dtype=torch.float64)
+    translation = torch.tensor([-0.5, 0.0, 0.7], dtype=torch.float64)
+    seen = project(points @ ROTATION.mT + translation, K.expand(len(points), 3, 3))
+    return SecondCamera(seen, K, ROTATION, translation)
+
+
+@pytest.fixture
+def points(hand: HandModel) -> torch.Tensor:
+    return hand.to_camera(known_hands(hand, 6)).landmarks.double()
+
+
+def test_a_hand_that_is_larger_and_farther_away_is_met_by_the_second_camera(
+    points: torch.Tensor,
+) -> None:
+    for scale in (1.0, 0.8, 1.3):
+        assert second_view_errors(scale * points, second(points)).max() < 1e-3
+
+
+def test_a_hand_flipped_in_depth_is_seen_by_the_second_camera(points: torch.Tensor) -> None:
+    flipped = points.clone()
+    flipped[..., 2] = 2 * points[:, :1, 2] - points[..., 2]
+    assert second_view_errors(flipped, second(points)).min() > 5
+
+
+def test_the_second_cameras_scale_is_the_best_of_many(points: torch.Tensor) -> None:
+    camera = second(points)
+    found = points + 0.01 * torch.randn_like(points)
+    scales = torch.linspace(0.7, 1.4, 2001, dtype=torch.float64)
+    cameras = camera.intrinsics.expand(6, 3, 3)
+    off = torch.stack(
+        [
+            project(scale * found @ ROTATION.mT + camera.translation, cameras) - camera.landmarks_2d
+            for scale in scales
+        ]
+    )
+    least = off.square().sum(dim=(-2, -1)).argmin(dim=0)
+    expected = off.norm(dim=-1).mean(dim=-1)[least, torch.arange(6)]
+    torch.testing.assert_close(second_view_errors(found, camera), expected, rtol=1e-2, atol=1e-2)
+
+
+def test_errors_are_millimetres_after_a_similarity(points: torch.Tensor) -> None:
+    moved = 2 * points @ ROTATION + 1
+    # The benchmarks add 1e-8 to each norm.
+    assert aligned_errors(points, moved).max() < 1e-4
+    off = points.clone()
+    off[:, 8] += torch.tensor([0.0, 0.0, 0.021])
+    errors = aligned_errors(points, off)
+    assert (errors.argmax(dim=1) == 8).all()
+    assert (errors.mean(dim=1) < 2.0).all()
+
+
+def test_an_interval_over_groups_is_wider_than_over_single_hands() -> None:
+    """Ten hands of each group are copies of one number."""
+    values = torch.arange(8.0).repeat_interleave(10)
+    groups = [str(number // 10) for number in range(80)]
+    together = grouped_mean(values, groups)
+    apart = grouped_mean(values, [str(number) for number in range(80)])
+    assert together.value == apart.value == pytest.approx(3.5)
+    widths = [each.interval.high - each.interval.low for each in (together, apart)]
+    # Of means of 8 and of 80 numbers: √10 times as wide.
+    assert widths[0] / widths[1] == pytest.approx(10**0.5, rel=0.1)
+
+
+def test_groups_of_different_sizes_count_by_their_hands() -> None:
+    values = torch.tensor([0.0, 3.0, 3.0, 3.0])
+    found = grouped_mean(values, ["a", "b", "b", "b"])
+    assert found.value == pytest.approx(2.25)
+    assert (found.interval.low, found.interval.high) == pytest.approx((0.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "overrides"),
+    [
+        ("plain", "plain", ()),
+        ("plain=", "plain", ()),
+        ("a=prior=none,data_term=mse", "a", ("prior=none", "data_term=mse")),
+        ("a=x=[1,2],y={b:1,c:2}", "a", ("x=[1,2]", "y={b:1,c:2}")),
+    ],
+)
+def test_a_method_is_a_name_and_overrides(text: str, name: str, overrides: tuple[str, ...]) -> None:
+    assert Method.parsed(text) == Method(name, overrides)
+
+
+def test_a_method_without_a_name_is_refused() -> None:
+    with pytest.raises(ValueError, match="'=prior=none' without a name"):
+        Method.parsed("=prior=none")
+
+
+def test_the_rows_are_those_of_the_experiments() -> None:
+    for number, overrides in enumerate(TABLE_1.values(), start=1):
+        config = Method("row", overrides).config()
+        of_paper = Method("row", (f"experiment=ablation_row{number}",)).config()
+        for part in ("prior", "data_term"):
+            assert config[part] == of_paper[part]
+
+
+@pytest.fixture(scope="module")
+def hands(hand: HandModel) -> DepthSet:
+    batch = views(hand, known_hands(hand, 4))
+    assert batch.intrinsics is not None
+    assert batch.landmarks_3d is not None
+    landmarks = ImageLandmarks(
+        batch.landmarks_2d.double(), batch.labelled, torch.zeros(4, dtype=torch.bool),
+        ("a_0", "a_1", "b_0", "b_1"), intrinsics=batch.intrinsics.double(),
+    )  # fmt: skip
+    truth = batch.landmarks_3d.double()
+    return DepthSet("headset", landmarks, truth, ("a", "a", "b", "b"), second(truth))
+
+
+@pytest.fixture(scope="module")
+def scored(hands: DepthSet) -> list[Scored]:
+    methods = [
+        Method("free", ("prior=none", "lifter=none")),
+        Method("ranges", ("prior=biomechanics", "lifter=none")),
+        Method("one start", ("prior=biomechanics", "lifter=none", "descent.starts=1")),
+    ]
+    return [Scored.of(hands, run(method, hands, alone=1)) for method in methods]
+
+
+def test_ranges_bring_exact_landmarks_nearer_to_the_ground_truth(scored: list[Scored]) -> None:
+    assert scored[1].mean().value < scored[0].mean().value
+    change = scored[1].change(scored[0])
+    assert change.value == pytest.approx(scored[1].mean().value - scored[0].mean().value)
+    assert all(one.run.batch_ms > 0 and one.run.alone_ms > 0 for one in scored)
+
+
+def test_the_table_has_a_row_for_each_method_and_changes_against_one(scored: list[Scored]) -> None:
+    lines = markdown(scored, "free").splitlines()
+    assert len(lines) == 2 + 3
+    assert lines[2].count("—") == 2
+    assert f"{scored[2].change(scored[0]).value:+.2f} (" in lines[4]
+    assert f"{scored[2].change(scored[1]).value:+.2f} (" in markdown(scored, PREVIOUS)
+    assert len({line.count("|") for line in lines}) == 1
+
+
+def test_the_json_has_every_hand(scored: list[Scored]) -> None:
+    runs = json.loads(json.dumps(as_json(scored, PREVIOUS)))["runs"]
+    assert [one["against"] for one in runs] == ["free", "free", "ranges"]
+    assert runs[1]["pa_mpjpe_mm"][0] == pytest.approx(np.mean(list(runs[1]["errors_mm"].values())))
+    assert runs[1]["pa_mpjpe_mm"][0] == pytest.approx(
+        np.mean(list(runs[1]["landmarks_mm"].values()))
+    )
+
+
+def test_the_worst_hands_are_drawn_first(scored: list[Scored]) -> None:
+    order = worst(scored[0], 3)
+    errors = scored[0].errors[order]
+    assert len(order) == 3
+    assert (errors.diff() <= 0).all()
+    assert errors[0] == scored[0].errors.max()
+    drawn = draw_worst(scored[0], 3)
+    assert drawn.shape[2] == 3
+    # Coloured bones: pixels whose channels differ.
+    assert (np.ptp(drawn.astype(int), axis=2) > 60).sum() > 500
+
+
+def test_the_command_prints_a_table_and_writes_what_was_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--hands", "2", "--alone", "1", "--cache", str(tmp_path), "--method", "a=lifter=none"]
+    main([*words, "--method", "b=lifter=none,data_term=mse", "--json", str(tmp_path / "all.json")])
+    printed = capsys.readouterr().out
+    assert printed.count("| synthetic (2) |") == 2
+    assert printed.count("| synthetic, no camera (2) |") == 2
+    assert len(json.loads((tmp_path / "all.json").read_text())["runs"]) == 4
+    with pytest.raises(SystemExit, match="--against c is none of the methods"):
+        main([*words, "--against", "c"])
