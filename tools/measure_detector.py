@@ -120,6 +120,7 @@ def measure(options: argparse.Namespace) -> Comparison:
         max_hands=2,
         min_palm_score=options.min_palm_score,
         padding=1.0 if options.copies else padding,
+        copies=options.looks - 1,
         threads=options.threads,
     )
     done = Comparison()
@@ -153,6 +154,9 @@ def main() -> None:
     parser.add_argument("--padding", default="1.7")
     parser.add_argument(
         "--copies", action="store_true", help="pad and enlarge as the labels' makers did"
+    )
+    parser.add_argument(
+        "--looks", type=int, default=1, help="readings of a hand that are averaged; MediaPipe's: 1"
     )
     parser.add_argument("--min-palm-score", type=float, default=0.4)
     parser.add_argument("--threads", type=int, default=1)

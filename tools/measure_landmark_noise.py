@@ -3,10 +3,13 @@
     python -m tools.measure_landmark_noise table <folder> --only rps digits --count 1600 --write
     python -m tools.measure_landmark_noise check <folder> --labels test.json --only rps digits --count 400
     python -m tools.measure_landmark_noise calibrate <clip> --write
+    python -m tools.measure_landmark_noise fit <clip>
 
 `<folder>` holds images and lists of them (`[{"image": …}, …]`); the table is fitted to the spread of
 transformed copies of each hand's crop. `<clip>` holds a hand filmed by two calibrated cameras
-(`calibration.json`, `cam0.mp4`, `cam1.mp4`); σ is scaled to the distance from the epipolar constraint.
+(`calibration.json`, `cam0.mp4`, `cam1.mp4`); σ is scaled to the distance from the epipolar constraint, and
+hands are fitted with one σ and with each landmark's own. For the fits, `landmarks.npz` has the triangulated
+`points`.
 """
 
 import argparse
@@ -33,7 +36,7 @@ SOURCES: Final = ("none", "table", "copies", "both")
 def main() -> None:
     """Run the command that was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("task", choices=("table", "check", "calibrate"))
+    parser.add_argument("task", choices=tuple(TASKS))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--labels", default="train.json", help="list of images")
     parser.add_argument("--only", nargs="+", default=[], help="folders of the images to use")
@@ -41,7 +44,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="step between frames of the clip")
     parser.add_argument("--write", action="store_true", help="write the result to the package")
     options = parser.parse_args()
-    {"table": make_table, "check": check_table, "calibrate": calibrate_table}[options.task](options)
+    TASKS[options.task](options)
 
 
 def make_table(options: argparse.Namespace) -> None:
@@ -86,6 +89,15 @@ def calibrate_table(options: argparse.Namespace) -> None:
         write_table(replace(table, gain=np.array(gains)), TABLE, command)
 
 
+def fit_clip(options: argparse.Namespace) -> None:
+    """Print the 3D error of fits with one σ and with each landmark's own."""
+    # The fit takes a second to import.
+    from landmark_noise.clip_fits import compare
+
+    for line in compare(read_clip(options.folder, options.every), options.folder, load_table()):
+        print(line)
+
+
 def _words(found: Calibration) -> str:
     return (
         f"gain {found.gain:.2f}, rms {found.rms:.2f} px of {SQUARE}, within 1σ {found.within[0]:.3f}, "
@@ -120,6 +132,15 @@ def evenly(names: list[str], count: int) -> list[str]:
 def _images(folder: Path, names: list[str]) -> Iterator[Image]:
     for name in names:
         yield read(folder / name)
+
+
+TASKS: Final = {
+    "table": make_table,
+    "check": check_table,
+    "calibrate": calibrate_table,
+    "fit": fit_clip,
+}
+"""What can be asked for."""
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ class MediaPipeDetector:
         min_presence: float = 0.5,
         min_side: float = 20.0,
         padding: float | str = "auto",
-        copies: int = 0,
+        copies: int = 1,
         threads: int = 1,
         models: str | Path | None = None,
     ) -> None:

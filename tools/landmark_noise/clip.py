@@ -88,6 +88,8 @@ class Clip:
     """The two cameras."""
     hands: tuple[tuple[CopiedHand, ...], tuple[CopiedHand, ...]]
     """The hands of each camera."""
+    frames: tuple[int, ...]
+    """Number of each frame."""
 
     def landmarks(self, copies: int) -> tuple[Points, Points]:
         """Undistorted means of the first readings and some copies, per camera, pixels."""
@@ -140,12 +142,14 @@ def read_clip(folder: Path, every: int) -> Clip:
     values = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
     read = [read_hands(_frames(folder / f"cam{number}.mp4", every)) for number in (0, 1)]
     pairs = [
-        (one, other)
-        for one, other in zip(*read, strict=False)
-        if one is not None and other is not None and one.reading.side == other.reading.side
+        (every * number, one, other)
+        for number, (one, other) in enumerate(zip(*read, strict=False))
+        if one is not None
+        and other is not None
+        and one.reading.side == other.reading.side == "right"
     ]
-    cameras = Camera.read(values["cam0"]), Camera.read(values["cam1"])
-    return Clip(cameras, (tuple(one for one, _ in pairs), tuple(other for _, other in pairs)))
+    frames, first, second = zip(*pairs, strict=True)
+    return Clip((Camera.read(values["cam0"]), Camera.read(values["cam1"])), (first, second), frames)
 
 
 def _frames(path: Path, every: int) -> Iterator[Image]:

@@ -69,7 +69,7 @@ def read_hands(images: Iterable[Image]) -> list[CopiedHand | None]:
     Args:
         images: RGB, bytes.
     """
-    detector = MediaPipeDetector(max_hands=1, min_palm_score=0.4)
+    detector = MediaPipeDetector(max_hands=1, min_palm_score=0.4, copies=0)
     recorder = Recorder(detector)
     return [_read_hand(image, detector, recorder) for image in images]
 
