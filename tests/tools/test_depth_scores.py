@@ -114,9 +114,9 @@ def test_a_method_without_a_name_is_refused() -> None:
 
 def test_the_rows_are_those_of_the_experiments() -> None:
     for number, overrides in enumerate(TABLE_1.values(), start=1):
-        config = Method("row", overrides).config()
-        of_paper = Method("row", (f"experiment=ablation_row{number}",)).config()
-        for part in ("prior", "data_term"):
+        config = Method("row", overrides).config("mediapipe")
+        of_paper = Method("row", (f"experiment=ablation_row{number}",)).config("knuckle")
+        for part in ("prior", "data_term", "hand"):
             assert config[part] == of_paper[part]
 
 

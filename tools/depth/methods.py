@@ -19,7 +19,7 @@ from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter, fitter_of
 
 TABLE_1: Final = {
-    name: (f"prior={prior}", f"data_term={term}", "lifter=none")
+    name: (f"prior={prior}", f"data_term={term}", "lifter=none", "landmark_set=knuckle")
     for name, prior, term in (
         ("1 no knowledge", "none", "mse"),
         ("2 + ranges of motion", "biomechanics", "mse"),
@@ -28,7 +28,7 @@ TABLE_1: Final = {
         ("5 + negative log-likelihood", "full", "mse_then_nll"),
     )
 }
-"""The rows of the paper's Table 1, as overrides of `conf/fit.yaml`, without the start of a lifter."""
+"""Rows of the paper's Table 1 as overrides of `conf/fit.yaml`, without what was learnt from landmarks."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,13 @@ class Method:
             )
         return cls(name, tuple(_parted(rest)))
 
-    def config(self) -> DictConfig:
-        """The whole configuration."""
-        return adapted_to_data(composed("fit", self.overrides))
+    def config(self, landmark_set: str) -> DictConfig:
+        """The whole configuration.
+
+        Args:
+            landmark_set: Landmark set of the hands, unless the overrides have another one.
+        """
+        return adapted_to_data(composed("fit", [f"landmark_set={landmark_set}", *self.overrides]))
 
 
 def _parted(text: str) -> list[str]:
@@ -102,7 +106,7 @@ def run(method: Method, hands: DepthSet, alone: int = 20) -> Run:
     Raises:
         ValueError: A hand was not fitted.
     """
-    config = method.config()
+    config = method.config(hands.landmark_set)
     hand: HandModel = build_hand(config)
     fitter = build_fitter(config, hand)
     landmarks = hands.landmarks

@@ -63,6 +63,8 @@ class DepthSet:
     """Name of the group of each hand. Groups are resampled for intervals, since their hands are alike."""
     second: SecondCamera | None = None
     """A second view of the hands."""
+    landmark_set: str = "knuckle"
+    """Where on the hand the landmarks are, a landmark set of the hand model."""
 
     def __len__(self) -> int:
         return len(self.groups)
