@@ -36,9 +36,9 @@ _PIECE: Final = 2000
 class Poses:
     """Settings of the poses."""
 
-    hands: int = 40_000
+    hands: int = 60_000
     """Hands that are drawn; those that penetrate themselves, a fifth to a third, are left out."""
-    from_ranges: float = 0.5
+    from_ranges: float = 0.6
     """Share of poses that are drawn from the ranges of motion; the others are mixtures of gestures."""
 
 
@@ -94,7 +94,7 @@ def sample_in_ranges(
     angles[:, _MCP, _BEND], angles[:, _PIP, _BEND] = mcp, pip
     angles[:, _DIP, _BEND] = dip.clamp(min=0).minimum(upper[_DIP, _BEND])
     splay = _uniform(lower[_MCP, _SPLAY], upper[_MCP, _SPLAY], count, generator)
-    angles[:, _MCP, _SPLAY] = 0.6 * splay * (1 - (mcp / upper[_MCP, _BEND]).clamp(0, 1))
+    angles[:, _MCP, _SPLAY] = 0.8 * splay * (1 - (mcp / upper[_MCP, _BEND]).clamp(0, 1))
     angles[:, _THUMB] = _uniform(lower[_THUMB], upper[_THUMB], count, generator)
     return angles
 

@@ -13,9 +13,6 @@ from hand_recon.data.upright import upright_motion
 from hand_recon.hand.skeleton import FINGERS
 from hand_recon.schema import HandBatch
 
-FOREARM_TO_CAMERA: Final = -0.6
-"""Least depth component of the unit vector to the elbow: else the forearm hides the hand."""
-
 _FINGER: Final = torch.tensor([0] + [1 + place // 4 for place in range(20)])
 """Part of each landmark: the wrist, or one of the five fingers, whose landmarks share some of their noise."""
 
@@ -67,7 +64,8 @@ def sample_views(
         noise: Settings.
         generator: Source of the draws.
     """
-    points, camera = _placed(hands @ _directions(len(hands), generator).mT, noise, generator)
+    turned = hands @ random_rotations(len(hands), generator).mT
+    points, camera = _placed(turned, noise, generator)
     exact = project(points, camera)
     noisy = exact + _detector_noise(points, exact, noise, generator)
     labelled = _given(len(hands), noise, generator)
@@ -94,15 +92,6 @@ def random_rotations(count: int, generator: torch.Generator) -> Float[Tensor, "h
         2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
     ]  # fmt: skip
     return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
-
-
-def _directions(count: int, generator: torch.Generator) -> Float[Tensor, "hand 3 3"]:
-    """Rotations to the camera's frame; those in which the forearm points at the camera are drawn again."""
-    rotation = random_rotations(count, generator)
-    while bool((hidden := rotation[:, 2, 0] < FOREARM_TO_CAMERA).any()):
-        again = random_rotations(count, generator)
-        rotation = torch.where(hidden[:, None, None], again, rotation)
-    return rotation
 
 
 def _placed(
