@@ -10,9 +10,12 @@ from pathlib import Path
 
 import torch
 
+from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.prior import Prior
-from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
+from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.lifter_file import SHIPPED, save_lifter
 from lifter_training.poses import sample_hands
@@ -20,6 +23,9 @@ from lifter_training.training import Report, Trainer, Training
 
 RANGES = "literature"
 """Table of ranges of motion, of the prior and of the poses that are drawn from it."""
+
+LANDMARK_SET = "mediapipe"
+"""Landmark set of the lifter: that of `fit` and `predict` by default."""
 
 COMMAND = "make shipped-lifter"
 """The command, for the file's header."""
@@ -35,14 +41,25 @@ def build(training: Training, report: Report = print) -> Regressor:
     Returns:
         The lifter with the open hand.
     """
-    hand = open_hand()
+    hand = open_hand(LANDMARK_SET)
     ranges = load_ranges(RANGES, hand.rest_angles)
     hands = sample_hands(training.poses, hand.landmarks_only(), ranges, training.seed)
     report(f"{len(hands)} hands without penetration, of {training.poses.hands}")
-    trained = Trainer(hands, hand, Prior.default(hand, ranges), training).run(report)
+    trained = Trainer(hands, hand, knowledge(hand, ranges), training).run(report)
     lifter = training.network.build(hand)
     lifter.load_state_dict(trained.state_dict())
     return lifter.eval()
+
+
+def knowledge(hand: HandModel, ranges: RangeOfMotion) -> Prior:
+    """Ranges of motion with functional anatomy, and shape: the knowledge that needs no surface.
+
+    Args:
+        hand: Hand model.
+        ranges: Ranges of motion.
+    """
+    anatomy = RangeOfMotionTerm(hand, ranges=ranges, anatomy=FunctionalAnatomy())
+    return Prior({"range_of_motion": anatomy, "shape": ShapeTerm(hand)})
 
 
 def main() -> None:

@@ -15,26 +15,29 @@ from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPre
 
 
 @torch.no_grad()
-def lift(regressor: Regressor, observation: Observation) -> HandPrediction:
+def lift(
+    regressor: Regressor, observation: Observation, hand: HandModel | None = None
+) -> HandPrediction:
     """Predict hands with a lifter, in the camera and the crops of the observation, with the lifter's σ.
 
     Args:
         regressor: Lifter, a regressor with an encoder of landmarks, in evaluation mode.
         observation: Hands in any roll; they are rotated fingers up, as in the lifter's training.
+        hand: The lifter's hand model with another landmark set, that of the observation; none for its own.
     """
     batch, motion = _upright(observation)
     prediction: HandPrediction = regressor(batch)
     parameters = _in_true_camera(prediction.parameters, motion, observation.intrinsics)
-    hand = regressor.hand.to_camera(parameters)
+    posed = (hand or regressor.hand).to_camera(parameters)
     # The roll mixes the variances of the two coordinates; their correlation is ignored.
     back = motion.camera.mT
     squares = back[:, None, :2, :2].square() @ torch.exp(2 * prediction.log_sigma)[..., None]
     return HandPrediction(
         parameters=parameters,
-        vertices=hand.vertices,
-        joints=hand.joints,
-        landmarks_3d=hand.landmarks,
-        landmarks_2d=project(hand.landmarks, observation.intrinsics),
+        vertices=posed.vertices,
+        joints=posed.joints,
+        landmarks_3d=posed.landmarks,
+        landmarks_2d=project(posed.landmarks, observation.intrinsics),
         log_sigma=squares[..., 0].log() / 2 - motion.scale.log()[:, None, None],
         intrinsics=observation.intrinsics,
     )
@@ -51,20 +54,23 @@ def lifted_start(regressor: Regressor, observation: Observation) -> Start:
 
 
 @torch.no_grad()
-def carried_start(hand: HandModel, regressor: Regressor, observation: Observation) -> Start:
-    """Predict one start per hand of another hand model, or of another landmark set, than the lifter's.
+def carried_start(
+    hand: HandModel, regressor: Regressor, observation: Observation, *, with_shape: bool
+) -> Start:
+    """Predict one start per hand of another landmark set, or of another hand model, than the lifter's.
 
-    Joint angles are anatomical and the rotation is that of the palm, so that they carry over. Coefficients of
-    shape do not: the start has the mean shape. Its position follows from the landmarks by least squares.
+    Joint angles are anatomical and the rotation is that of the palm, so that they carry over. The position
+    follows from the landmarks by least squares.
 
     Args:
         hand: Hand model that is fitted, without its surface (`landmarks_only`).
         regressor: Lifter, as for `lift`.
         observation: Landmarks in the landmark set of `hand`.
+        with_shape: True if coefficients of shape mean the same in both; else the start has the mean shape.
     """
     found = lifted_start(regressor, observation)
     angles, rotation = found.joint_angles[:, 0], found.root_rotation[:, 0]
-    shape = torch.zeros_like(found.shape[:, 0])
+    shape = found.shape[:, 0] if with_shape else torch.zeros_like(found.shape[:, 0])
     points = hand(angles, shape).landmarks @ rotation.mT
     translation = position_of(
         points, observation.landmarks_2d, observation.labelled, observation.intrinsics

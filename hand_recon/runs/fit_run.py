@@ -268,7 +268,7 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
         if descent.steps == 0:
             check_result(regressor, hand, config.lifter)
             return lambda batch: Fitted(
-                lift(regressor, observed(batch, config.sigma_at_half_confidence)), {}
+                lift(regressor, observed(batch, config.sigma_at_half_confidence), hand), {}
             )
         further = starts_of(regressor, hand)
 

@@ -58,23 +58,22 @@ def starts_of(regressor: Regressor, hand: HandModel) -> Callable[[Observation], 
         regressor: The lifter.
         hand: The hand that is fitted.
     """
-    if same_hand(regressor, hand):
-        return partial(lifted_start, regressor)
     own = regressor.hand
-    logger.info(
-        "The lifter was made for the hand %s with the landmarks %s. Its joint angles and rotation start the "
-        "fit of the hand %s with the landmarks %s; its shape does not.",
-        own.name, own.landmark_set, hand.name, hand.landmark_set,
-    )  # fmt: skip
-    return partial(carried_start, hand.landmarks_only(), regressor)
+    if not same_hand(regressor, hand):
+        logger.info(
+            "The lifter was made for the hand %s. Its joint angles and rotation start the fit of the hand "
+            "%s, its shape does not.",
+            own.name, hand.name,
+        )  # fmt: skip
+        return partial(carried_start, hand.landmarks_only(), regressor, with_shape=False)
+    if own.landmark_set != hand.landmark_set:
+        return partial(carried_start, hand.landmarks_only(), regressor, with_shape=True)
+    return partial(lifted_start, regressor)
 
 
 def same_hand(regressor: Regressor, hand: HandModel) -> bool:
-    """True if a lifter predicts this hand model with this landmark set."""
-    own = regressor.hand
-    return own is hand or (
-        own.landmark_set == hand.landmark_set and fingerprint(own) == fingerprint(hand)
-    )
+    """True if a lifter predicts this hand model, with this or another landmark set."""
+    return regressor.hand is hand or fingerprint(regressor.hand) == fingerprint(hand)
 
 
 def check_result(regressor: Regressor, hand: HandModel, name: str) -> None:
@@ -83,7 +82,7 @@ def check_result(regressor: Regressor, hand: HandModel, name: str) -> None:
     Raises:
         ValueError: It predicts another hand model.
     """
-    if fingerprint(regressor.hand) != fingerprint(hand):
+    if not same_hand(regressor, hand):
         raise ValueError(
             f"descent.steps=0 makes the prediction of lifter={name} the result, which is of the hand "
             f"{regressor.hand.name!r}; found {hand.name!r}. Use hand={regressor.hand.name}, a lifter that "

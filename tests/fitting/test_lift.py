@@ -9,6 +9,7 @@ from hand_recon.camera import default_intrinsics, project
 from hand_recon.fitting.lift import carried_start, lift, lifted_start, position_of
 from hand_recon.fitting.observation import Observation
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.open_hand import open_hand
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from tests.support.tolerance import assert_close
@@ -81,13 +82,15 @@ def test_a_position_is_found_again_in_any_camera(hand: HandModel) -> None:
     torch.testing.assert_close(found, moved_by, atol=1e-3, rtol=0)
 
 
-def test_a_carried_start_is_at_its_landmarks_with_the_mean_shape(
-    lifter: Regressor, seen: Observation, hand: HandModel
+@pytest.mark.parametrize("with_shape", [False, True])
+def test_a_carried_start_is_at_its_landmarks(
+    lifter: Regressor, seen: Observation, hand: HandModel, *, with_shape: bool
 ) -> None:
-    own, start = lifted_start(lifter, seen), carried_start(hand.landmarks_only(), lifter, seen)
+    own = lifted_start(lifter, seen)
+    start = carried_start(hand.landmarks_only(), lifter, seen, with_shape=with_shape)
     assert_close(start.joint_angles, own.joint_angles)
     assert_close(start.root_rotation, own.root_rotation)
-    assert not start.shape.any()
+    assert torch.equal(start.shape, own.shape if with_shape else torch.zeros_like(own.shape))
     posed = hand(start.joint_angles[:, 0], start.shape[:, 0]).landmarks
 
     def squares(translation: torch.Tensor) -> torch.Tensor:
@@ -100,3 +103,13 @@ def test_a_carried_start_is_at_its_landmarks_with_the_mean_shape(
     least = squares(start.translation)
     for step in 0.01 * torch.cat([torch.eye(3), -torch.eye(3)]):
         assert bool((squares(start.translation + step) > least).all())
+
+
+def test_a_prediction_has_the_landmarks_that_were_asked_for(
+    lifter: Regressor, seen: Observation
+) -> None:
+    """The same hand, with the landmarks of another set on it."""
+    own, other = lift(lifter, seen), lift(lifter, seen, open_hand("mano"))
+    assert_close(other.vertices, own.vertices)
+    assert_close(other.landmarks_3d[:, 0], own.landmarks_3d[:, 0])
+    assert float((other.landmarks_3d - own.landmarks_3d).norm(dim=-1).max()) > 0.005

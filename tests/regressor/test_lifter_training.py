@@ -11,11 +11,12 @@ from hand_recon.camera import project
 from hand_recon.data.upright import FILL
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
+from hand_recon.knowledge.natural_pose import natural_poses
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from hand_recon.regressor.lifter_file import LifterSettings
 from lifter_training import training as of_training
-from lifter_training.poses import Poses, sample_hands, sample_in_ranges
+from lifter_training.poses import Poses, sample_hands, sample_in_ranges, sample_natural
 from lifter_training.training import Trainer, Training
 from lifter_training.views import (
     Noise,
@@ -80,8 +81,20 @@ def test_hands_that_penetrate_themselves_are_left_out(
     again = sample_hands(Poses(hands=60), light, ranges, seed=0)
     assert torch.equal(kept, again)
     assert not torch.equal(kept[:20], sample_hands(Poses(hands=60), light, ranges, seed=1)[:20])
-    only = sample_hands(Poses(hands=30, from_ranges=1.0), light, ranges, seed=0)
-    assert 0 < len(only) <= 30
+    for only in (Poses(30, 1.0, 0.0), Poses(30, 0.0, 1.0), Poses(30, 0.0, 0.0)):
+        assert 10 < len(sample_hands(only, light, ranges, seed=0)) <= 30
+
+
+def test_natural_poses_have_the_mean_and_the_covariance_of_the_table(
+    generator: torch.Generator,
+) -> None:
+    drawn = sample_natural(20_000, generator).flatten(1)
+    mean, covariance = (table.float() for table in natural_poses())
+    deviation = covariance.diagonal().sqrt()
+    assert float(((drawn.mean(dim=0) - mean) / deviation).abs().max()) < 5 / 20_000**0.5
+    found = torch.cov(drawn.mT) / (deviation[:, None] * deviation)
+    expected = covariance / (deviation[:, None] * deviation)
+    assert float((found - expected).abs().max()) < 0.05
 
 
 def test_rotations_are_rotations_in_all_directions(generator: torch.Generator) -> None:
@@ -196,7 +209,7 @@ def test_training_finds_hands(hand: HandModel, hands: torch.Tensor) -> None:
 def test_the_command_builds_a_lifter_of_the_open_hand(hand: HandModel) -> None:
     lines: list[str] = []
     lifter = build(SMALL, lines.append)
-    assert lifter.hand.landmark_set == hand.landmark_set
+    assert lifter.hand.landmark_set == "mediapipe"
     assert torch.equal(lifter.hand.template, hand.template)
     assert not lifter.training
     assert lines[0].endswith("of 24")

@@ -1,4 +1,4 @@
-"""Hands to look at: named gestures, and poses drawn from the ranges of motion, without penetration."""
+"""Hands to look at: gestures, natural poses and poses from the ranges of motion, without penetration."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,6 +12,7 @@ from hand_recon.data.synthetic.gestures import DIP_FOLLOWS_PIP, sample_pose
 from hand_recon.data.synthetic.plausible import deepest_overlap
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES, FINGERS
+from hand_recon.knowledge.natural_pose import natural_poses
 from hand_recon.knowledge.ranges import RangeOfMotion
 
 OVERLAP_ALLOWED: Final = 0.004
@@ -38,8 +39,10 @@ class Poses:
 
     hands: int = 60_000
     """Hands that are drawn; those that penetrate themselves, a fifth to a third, are left out."""
-    from_ranges: float = 0.6
-    """Share of poses that are drawn from the ranges of motion; the others are mixtures of gestures."""
+    from_ranges: float = 0.3
+    """Share of poses that are drawn from the ranges of motion."""
+    natural: float = 0.35
+    """Share of poses that are from the Gaussian of natural poses; the others are mixtures of gestures."""
 
 
 def sample_hands(
@@ -54,13 +57,14 @@ def sample_hands(
         seed: Seed of the draws.
     """
     random = np.random.default_rng(seed)
-    wide = round(poses.hands * poses.from_ranges)
-    gestures = [sample_pose(random) for _ in range(poses.hands - wide)]
+    wide, natural = (round(poses.hands * share) for share in (poses.from_ranges, poses.natural))
+    gestures = [sample_pose(random) for _ in range(poses.hands - wide - natural)]
     generator = torch.Generator().manual_seed(seed)
     angles = torch.cat(
         [
             torch.tensor(np.array(gestures).reshape(-1, 15, 3), dtype=torch.float32),
             sample_in_ranges(ranges, wide, generator),
+            ranges.clamp(sample_natural(natural, generator)),
         ]
     )
     shape = torch.randn(len(angles), 10, generator=generator).clamp(-3, 3)
@@ -97,6 +101,19 @@ def sample_in_ranges(
     angles[:, _MCP, _SPLAY] = 0.8 * splay * (1 - (mcp / upper[_MCP, _BEND]).clamp(0, 1))
     angles[:, _THUMB] = _uniform(lower[_THUMB], upper[_THUMB], count, generator)
     return angles
+
+
+def sample_natural(count: int, generator: torch.Generator) -> Float[Tensor, "pose joint=15 axis=3"]:
+    """Draw poses from the Gaussian of natural poses, radians.
+
+    Args:
+        count: Number of poses.
+        generator: Source of the draws.
+    """
+    mean, covariance = (table.float() for table in natural_poses())
+    factor = torch.linalg.cholesky(covariance)
+    drawn = mean + torch.randn(count, len(mean), generator=generator) @ factor.mT
+    return drawn.unflatten(-1, (15, 3))
 
 
 def _uniform(lower: Tensor, upper: Tensor, count: int, generator: torch.Generator) -> Tensor:

@@ -30,7 +30,7 @@ from lifter_training.views import Noise, Views, sample_views
 class Training:
     """Settings of a training run."""
 
-    steps: int = 10_000
+    steps: int = 14_000
     """Optimizer steps."""
     views: int = 64
     """Views of made-up hands per step."""
