@@ -33,7 +33,7 @@ ROUNDS: Final = 5
 STEPS: Final = Limits(iterations=8, tolerance=1e-4)
 """Steps of the poses between two estimates."""
 
-MOST_HANDS: Final = 64
+MOST_HANDS: Final = 32
 """Number of hands whose information is not exceeded, however many there are."""
 
 FREEDOM: Final = 4.0

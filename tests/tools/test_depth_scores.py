@@ -72,7 +72,8 @@ def test_errors_are_millimetres_after_a_similarity(points: torch.Tensor) -> None
     off[:, 8] += torch.tensor([0.0, 0.0, 0.021])
     errors = aligned_errors(points, off)
     assert (errors.argmax(dim=1) == 8).all()
-    assert (errors.mean(dim=1) < 2.0).all()
+    # The alignment is one of least squares: without it, one landmark is 21 mm off and the others none.
+    assert (errors.square().sum(dim=1) < 21**2).all()
 
 
 def test_an_interval_over_groups_is_wider_than_over_single_hands() -> None:

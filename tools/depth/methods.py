@@ -54,13 +54,14 @@ class Method:
             )
         return cls(name, tuple(_parted(rest)))
 
-    def config(self, landmark_set: str) -> DictConfig:
+    def config(self, landmark_set: str | None = None) -> DictConfig:
         """The whole configuration.
 
         Args:
             landmark_set: Landmark set of the hands, unless the overrides have another one.
         """
-        return adapted_to_data(composed("fit", [f"landmark_set={landmark_set}", *self.overrides]))
+        first = [] if landmark_set is None else [f"landmark_set={landmark_set}"]
+        return adapted_to_data(composed("fit", [*first, *self.overrides]))
 
 
 def _parted(text: str) -> list[str]:

@@ -63,8 +63,8 @@ class DepthSet:
     """Name of the group of each hand. Groups are resampled for intervals, since their hands are alike."""
     second: SecondCamera | None = None
     """A second view of the hands."""
-    landmark_set: str = "knuckle"
-    """Where on the hand the landmarks are, a landmark set of the hand model."""
+    landmark_set: str | None = None
+    """Where on the hand the landmarks are, a landmark set of the hand model; none for the fit's default."""
 
     def __len__(self) -> int:
         return len(self.groups)
@@ -230,4 +230,6 @@ def synthetic_views(
         intrinsics=batch.intrinsics.double() if camera else None,
     )
     name = "synthetic" if camera else "synthetic, no camera"
-    return DepthSet(name, landmarks, batch.landmarks_3d.double(), names)
+    return DepthSet(
+        name, landmarks, batch.landmarks_3d.double(), names, landmark_set=views.recipe.landmark_set
+    )

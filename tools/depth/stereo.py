@@ -79,7 +79,6 @@ def stereo_clip(folder: Path, *, every: int = 1) -> DepthSet:
             torch.from_numpy(between),
             torch.from_numpy(unit * (second_place - between @ place)),
         ),
-        landmark_set="mediapipe",
     )
 
 
