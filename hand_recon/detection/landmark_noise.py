@@ -31,6 +31,9 @@ LITTLE_MCP: Final = 17
 SPREAD_BOUNDS: Final = (0.002, 0.15)
 """Least and greatest spread, sides of the square: few copies may agree by chance."""
 
+SHARED_ERROR: Final = 3 / 224
+"""Standard deviation of an error that all readings share, sides of the square (decision 72)."""
+
 _OUTSIDE: Final = 0.02
 """Distance outside the image from which on a landmark counts as outside, sides."""
 
@@ -56,7 +59,7 @@ class NoiseTable:
     shared: Float[np.ndarray, " feature"]
     """Changes with the features in `SHARED`."""
     gain: Float[np.ndarray, " count"]
-    """σ per spread, by the number of copies, from none."""
+    """Error that readings do not share, per spread, by the number of copies, from none."""
 
     def spread(self, features: Features) -> Float[np.ndarray, "landmark=21"]:
         """The expected spread of copies, sides of the square.
@@ -66,6 +69,17 @@ class NoiseTable:
         """
         logarithm = self.constant + self.curl * features.curl + features.shared @ self.shared
         return np.exp(np.clip(logarithm, *np.log(SPREAD_BOUNDS)))
+
+    def sigma(
+        self, spread: Float[np.ndarray, "*batch"], copies: int
+    ) -> Float[np.ndarray, "*batch"]:
+        """σ of landmarks of some spread, both in sides of the square.
+
+        Args:
+            spread: Spread of copies.
+            copies: Number of copies whose mean the landmarks are, besides the first reading.
+        """
+        return np.hypot(SHARED_ERROR, self.gain[copies] * spread)
 
 
 @cache
@@ -144,7 +158,7 @@ class LandmarkNoise:
             copies = read_copies(read, image, reading, self.copies)
             spread = combined_spread(spread, spread_of_copies(landmarks, copies) / side)
             landmarks = np.concatenate([landmarks[None], copies]).mean(axis=0)
-        sigma = side * self.table.gain[self.copies] * spread
+        sigma = side * self.table.sigma(spread, self.copies)
         return replace(reading, landmarks_2d=landmarks, sigma=sigma)
 
 

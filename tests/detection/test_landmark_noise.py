@@ -151,6 +151,12 @@ def test_a_table_multiplies_the_spread_by_each_feature() -> None:
     assert small_table().spread(found)[7] == pytest.approx(0.005)
 
 
+def test_sigma_adds_the_shared_error_in_squares() -> None:
+    # The table's gain of two copies is 3: 3/224 and 4/224 make 5/224.
+    sigma = small_table().sigma(np.full(21, 4 / 3 / 224), 2)
+    np.testing.assert_allclose(sigma, 5 / 224)
+
+
 def test_spreads_are_combined_by_their_geometric_mean() -> None:
     expected, measured = np.full(21, 0.02), np.full(21, 0.005)
     np.testing.assert_allclose(combined_spread(expected, measured), 0.01)
@@ -182,7 +188,7 @@ def test_without_copies_the_landmarks_stay_and_the_network_rests() -> None:
     np.testing.assert_array_equal(found.landmarks_2d, flat_hand().landmarks_2d)
     assert found.sigma is not None
     side = region_of_landmarks(flat_hand().landmarks_2d).side
-    expected = noise.table.gain[0] * noise.table.spread(features(flat_hand(), 400, 400))
+    expected = noise.table.sigma(noise.table.spread(features(flat_hand(), 400, 400)), 0)
     np.testing.assert_allclose(found.sigma, side * expected)
 
 
@@ -195,7 +201,7 @@ def test_with_copies_landmarks_are_the_mean_and_sigma_has_both_sources() -> None
     side = region_of_landmarks(flat_hand().landmarks_2d).side
     # Squared distances 2 and 8 px², halved for a coordinate: a mean of 2.5.
     table = noise.table.spread(features(flat_hand(), 400, 400))
-    expected = side * noise.table.gain[2] * np.sqrt(table * math.sqrt(2.5) / side)
+    expected = side * noise.table.sigma(np.sqrt(table * math.sqrt(2.5) / side), 2)
     assert found.sigma is not None
     np.testing.assert_allclose(found.sigma, expected)
 

@@ -91,6 +91,12 @@ class Clip:
     frames: tuple[int, ...]
     """Number of each frame."""
 
+    @property
+    def sides(self) -> tuple[Float[np.ndarray, "frame 1"], Float[np.ndarray, "frame 1"]]:
+        """Side of each hand's square, per camera, pixels."""
+        one, other = (np.array([[hand.side] for hand in hands]) for hands in self.hands)
+        return one, other
+
     def landmarks(self, copies: int) -> tuple[Points, Points]:
         """Undistorted means of the first readings and some copies, per camera, pixels."""
         return tuple(  # type: ignore[return-value]  # two cameras
@@ -200,8 +206,9 @@ def calibrate(clip: Clip, table: NoiseTable, copies: int, use: str = "both") -> 
     gain = float(np.sqrt(np.square(distance / scale).mean()))
     sigma, error = gain * scale, np.abs(distance)
     inside = error / sigma
-    sides = [np.array([[hand.side] for hand in hands]) for hands in clip.hands]
-    relative = [gain * spread / side * SQUARE for spread, side in zip(spreads, sides, strict=True)]
+    relative = [
+        gain * spread / side * SQUARE for spread, side in zip(spreads, clip.sides, strict=True)
+    ]
     return Calibration(
         gain=gain,
         rms=float(np.sqrt(np.square(relative).mean())),

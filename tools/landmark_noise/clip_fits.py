@@ -13,7 +13,7 @@ from depth.scores import aligned_errors, grouped_mean
 from depth.stereo import BLOCK, stereo_clip
 from hand_recon.command_line.composing import composed
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.detection.landmark_noise import NoiseTable
+from hand_recon.detection.landmark_noise import SHARED_ERROR, NoiseTable
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_run import adapted_to_data, build_fitter
@@ -72,12 +72,11 @@ def _landmarks(
     gain = calibrate(clip, table, copies, use).gain
     spreads = clip.spread(table, copies, use=use)
     one, other = (
-        _of_camera(
-            points[number],
-            clip.cameras[number].matrix,
-            None if use == "none" else gain * spreads[number],
+        _of_camera(points[number], clip.cameras[number].matrix, sigma)
+        for number, sigma in enumerate(
+            None if use == "none" else np.hypot(SHARED_ERROR * sides, gain * spread)
+            for sides, spread in zip(clip.sides, spreads, strict=True)
         )
-        for number in (0, 1)
     )
     return one, other
 

@@ -61,7 +61,7 @@ def write_table(table: NoiseTable, path: Path, command: str) -> None:
         f"curl: {_row(table.curl)}",
         "shared:",
         *(f"  {name}: {value:.3f}" for name, value in zip(SHARED, table.shared, strict=True)),
-        "# σ per spread, by the number of copies, from none to eight.",
+        "# Error that readings do not share, per spread, by the number of copies, from none to eight.",
         "gain: [" + ", ".join(f"{value:.2f}" for value in table.gain) + "]",
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
