@@ -29,9 +29,9 @@ def register_resolvers() -> None:
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:
-    """Default of `lifter` beside a prior: `default` with every source of knowledge (Eq. 5), else `none`.
+    """Default of `lifter` beside a prior: `default` with all of the paper's knowledge (Eq. 5), else `none`.
 
-    The packaged lifter was trained with all of them, and its start would lend them to a fit without.
+    The packaged lifter knows how hands bend, and its start would lend that to a fit without.
 
     Args:
         prior: A member of the group `prior`: settings of the terms by name, none for one that is left out.
