@@ -183,6 +183,9 @@ class HandPrediction(_TensorRecord):
     """Camera matrix of the projection, pixels of the crop."""
     correlation: Float[Tensor, "*batch landmark=21"] | None = None
     """Correlation of the errors of a landmark's two coordinates, −1 to 1; None if it is not predicted."""
+    covariance_3d: Float[Tensor, "*batch landmark=21 3 3"] | None = None
+    """Covariance of each landmark from the hand's origin, axes of the camera, square metres; None without
+    an estimate."""
 
 
 def collate(samples: list[HandSample]) -> HandBatch:

@@ -2,19 +2,20 @@
 
     python -m tools.learn_from_landmarks <folder>/train.json [--only rps,digits] [--hands 1200] [--check]
 
-The file has 2D landmarks of many photographs (docs/landmark_files.md). There is no 3D in it. The hand model is
-fitted to all of them, and what their residuals have in common is learnt:
+The file has 2D landmarks of many photographs (docs/landmark_files.md). There is no 3D in it. The hand model
+is fitted to all of them, and what their residuals have in common is learnt:
 
 1. The offset of each landmark from the rotation centre or fingertip of the hand model, fixed to its bone. One
    image cannot tell it; many hands in many poses can.
 2. Mean and covariance of the joint angles, by expectation maximization: the covariance of the fitted angles
    plus the mean of their own covariances (Laplace), shrunk towards what is known without data.
 
-It writes `hand_recon/hand/assets/mediapipe_landmarks.npz` and `hand_recon/knowledge/tables/natural_poses.npz`.
-Decision 64 has what was tried and what each step gained.
+It writes `hand_recon/hand/assets/mediapipe_landmarks.npz` and
+`hand_recon/knowledge/tables/natural_poses.npz`. Decision 64 has what was tried and what each step gained.
 """
 
 import argparse
+import itertools
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -66,8 +67,7 @@ SHRINKAGE: Final = 0.3
 """Share of the statistics without data in the result: the photographs show few of the poses of life."""
 
 COUPLED: Final = {"DIP and PIP": 15.0, "MCPs": 40.0, "PIPs": 50.0}
-"""Standard deviations of DIP − ⅔ PIP of a finger, and of the differences between neighbouring fingers, degrees,
-before any data."""
+"""Standard deviations before any data: of DIP − ⅔ PIP, and of differences between neighbours, degrees."""
 
 KEPT: Final = 0.9
 """Share of the hands, those of least loss, that statistics are computed from."""
@@ -114,7 +114,7 @@ def _couplings() -> list[tuple[int, int, float, float]]:
     four = FINGERS[1:]
     found = [(bend[f"{f} DIP"], bend[f"{f} PIP"], 2 / 3, COUPLED["DIP and PIP"]) for f in four]
     for part in ("MCP", "PIP"):
-        pairs = zip(four, four[1:], strict=False)
+        pairs = itertools.pairwise(four)
         found += [
             (bend[f"{a} {part}"], bend[f"{b} {part}"], 1.0, COUPLED[f"{part}s"]) for a, b in pairs
         ]
@@ -253,8 +253,12 @@ def write(learner: Learner) -> None:
     for name, offset in zip(LANDMARKS, (learner.offsets * 1000).tolist(), strict=True):
         print(f"{name:12} {offset[0]:6.1f} {offset[1]:6.1f} {offset[2]:6.1f} mm")
     sigma = np.degrees(np.sqrt(covariance.diagonal())).reshape(15, 3)
-    for name, middle, spread in zip(ARTICULATED, np.degrees(mean).reshape(15, 3), sigma, strict=True):
-        print(f"{name:12} bend {middle[0]:5.0f} ± {spread[0]:2.0f}°, splay {middle[1]:5.0f} ± {spread[1]:2.0f}°")
+    for name, middle, spread in zip(
+        ARTICULATED, np.degrees(mean).reshape(15, 3), sigma, strict=True
+    ):
+        print(
+            f"{name:12} bend {middle[0]:5.0f} ± {spread[0]:2.0f}°, splay {middle[1]:5.0f} ± {spread[1]:2.0f}°"
+        )
     print(f"{landmarks}\n{poses}")
 
 

@@ -55,7 +55,8 @@ class HandRecords:
     sigma_2d: Float[np.ndarray, "hand landmark=21 2"]
     """Standard deviation of each coordinate, pixels of the image; NaN without an estimate."""
     covariance_3d: Float[np.ndarray, "hand landmark=21 3 3"]
-    """Covariance of each landmark, square metres, camera frame; NaN without an estimate."""
+    """Covariance of each landmark from the hand's origin, axes of the camera, square metres; NaN without an
+    estimate."""
     joint_angles_degrees: Float[np.ndarray, "hand joint=15 axis=3"]
     """Bend, splay and twist of each joint, degrees."""
     shape: Float[np.ndarray, "hand direction=10"]

@@ -10,7 +10,8 @@ An object has these keys, in this order; `hands.schema.json` beside this module 
     landmarks_2d         21×2, projections of `landmarks_3d`, pixels of the image
     observed_2d          21×2, the landmarks that the hand was fitted to; null for one that is missing
     sigma_2d             21×2, standard deviations, pixels of the image; null without an estimate
-    covariance_3d        21×3×3, square metres, camera frame; null without an estimate
+    covariance_3d        21×3×3, of a landmark from the hand's origin (`translation`), axes of the camera,
+                         square metres; null without an estimate
     joint_angles_degrees by joint: bend, splay and twist
     shape                10, standard deviations
     root_rotation        3×3, from the hand's frame to the camera's

@@ -23,6 +23,9 @@ def to_records(hands: FittedHands) -> HandRecords:
     sigma = (
         found.log_sigma.exp() if hands.has_sigma else torch.full_like(found.log_sigma, torch.nan)
     )
+    covariance = found.covariance_3d
+    if covariance is None:
+        covariance = torch.full((len(hands), 21, 3, 3), torch.nan)
     given = observed.landmarks_2d.masked_fill(~observed.labelled[..., None], torch.nan)
     return HandRecords(
         names=observed.names,
@@ -37,7 +40,7 @@ def to_records(hands: FittedHands) -> HandRecords:
         landmarks_2d=numbers(found.landmarks_2d),
         observed_2d=given.double().numpy(),
         sigma_2d=numbers(sigma),
-        covariance_3d=np.full((len(hands), 21, 3, 3), np.nan),
+        covariance_3d=numbers(covariance),
         joint_angles_degrees=numbers(parameters.joint_angles.rad2deg()),
         shape=numbers(parameters.shape),
         root_rotation=numbers(parameters.root_rotation),

@@ -1,8 +1,9 @@
 """Landmark sets that differ from another set by an offset of each landmark, fixed to one of the hand's bones.
 
 Detectors and annotators put a landmark where they see it: on the skin of a knuckle, at a crease, in the
-middle of the wrist. The rotation centres of the hand model are elsewhere. A landmark set is a weighted sum of
-points of the hand, so an offset is more weights: of a few vertices that move with the bone, adding up to zero.
+middle of the wrist. The rotation centres of the hand model are elsewhere. A landmark set is a weighted sum
+of points of the hand, so an offset is more weights: of a few vertices that move with the bone, adding up to
+zero.
 """
 
 from typing import Final

@@ -14,7 +14,7 @@ ASSET = "assets/open_hand.npz"
 DETECTOR_LANDMARKS = "assets/mediapipe_landmarks.npz"
 """`offsets` (21 × 3, metres): where MediaPipe puts the landmarks, from the set `knuckle`, fixed to the bones.
 
-Learnt from 2D landmarks of photographs by `tools/learn_from_landmarks.py`; `assets/NOTICE.md` gives its origin.
+Learnt from 2D landmarks of photographs by `tools/learn_from_landmarks.py`; `assets/NOTICE.md` has the origin.
 """
 
 MANO_LABELLED = ("freihand", "dexycb", "ho3d")

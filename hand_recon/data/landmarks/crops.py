@@ -101,6 +101,9 @@ def uncrop_prediction(crops: LandmarkCrops, prediction: HandPrediction) -> HandP
     correlation = found.correlation
     if correlation is not None:
         correlation = torch.where(mirrored[:, None], -correlation, correlation)
+    covariance = found.covariance_3d
+    if covariance is not None:
+        covariance = mirror_camera(mirror_camera(covariance, mirrored).mT, mirrored)
     return HandPrediction(
         parameters=HandParameters(
             joint_angles=kept.joint_angles,
@@ -115,4 +118,5 @@ def uncrop_prediction(crops: LandmarkCrops, prediction: HandPrediction) -> HandP
         log_sigma=found.log_sigma - log_scale[:, None, None],
         intrinsics=intrinsics,
         correlation=correlation,
+        covariance_3d=covariance,
     )

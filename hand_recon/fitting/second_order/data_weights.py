@@ -29,6 +29,18 @@ def is_quadratic(term: DataTerm) -> bool:
     return type(term) in (SquaredError, RescaledSquaredError, NegativeLogLikelihood)
 
 
+def is_likelihood(term: DataTerm) -> bool:
+    """Return true if the term is the negative logarithm of the landmarks' probability.
+
+    Args:
+        term: Data term, with its current stage.
+    """
+    if type(term) is Staged:
+        # Balanced against the prior, it is a multiple of one.
+        return not term.keep_balance and is_likelihood((term.first, term.second)[term.stage])
+    return term.learns_sigma
+
+
 def data_weights(
     term: DataTerm,
     residual: Float[Tensor, "hand landmark=21 2"],

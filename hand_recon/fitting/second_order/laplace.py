@@ -1,7 +1,4 @@
-"""Laplace approximation: a Gaussian about the minimum of the loss, from its second derivatives (Sec. 3.3).
-
-With a likelihood as data term, the loss is the negative logarithm of a posterior density up to a constant.
-"""
+"""Laplace's approximation: a Gaussian about a minimum of the loss, from its second derivatives (Sec. 3.3)."""
 
 from typing import Final
 
@@ -28,8 +25,8 @@ def curvature_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
     return matrix
 
 
-def covariance_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
-    """Covariance of the free unknowns: the inverse of the curvature.
+def factor_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
+    """Lower triangular L with L Lᵀ the curvature, in double precision.
 
     Args:
         model: The loss at the hands, with a prior that bounds every unknown.
@@ -37,5 +34,24 @@ def covariance_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
     matrix = curvature_of(model).double()
     diagonal = matrix.diagonal(dim1=1, dim2=2)
     diagonal += SMALLEST * diagonal.amax(dim=1, keepdim=True)
-    factor = torch.linalg.cholesky(matrix)
-    return torch.cholesky_inverse(factor).to(model.curvature)
+    return torch.linalg.cholesky(matrix)
+
+
+def log_volume_of(
+    factor: Float[Tensor, "hand unknown unknown"],
+) -> Float[Tensor, " hand"]:
+    """Logarithm of the volume of the Gaussian, up to a constant: −½ log det of the curvature.
+
+    Args:
+        factor: `factor_of` the hands.
+    """
+    return -factor.diagonal(dim1=1, dim2=2).log().sum(dim=1)
+
+
+def covariance_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
+    """Covariance of the free unknowns: the inverse of the curvature.
+
+    Args:
+        model: The loss at the hands, with a prior that bounds every unknown.
+    """
+    return torch.cholesky_inverse(factor_of(model)).to(model.curvature)

@@ -10,7 +10,6 @@ from typing import Final, Self
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
-from torch.nn import Module
 
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
 from hand_recon.knowledge.pose_distance import PoseDistanceTerm
@@ -150,10 +149,15 @@ class PriorTerms:
         ranges = [term for term in terms if type(term) is RangeOfMotionTerm]
         self._range = ranges[0] if ranges else None
         self._shape_weight = sum(term.weight for term in terms if type(term) is ShapeTerm)
-        self._distances = [term for term in terms if _is_pose_distance(term)]
+        self._distances = pose_distances(prior)
         self._centre: tuple[Tensor, Tensor] | None = None
         if centred and self._range is not None and not self._distances:
             self._centre = _uniform_moments(self._range)
+
+    @property
+    def bounds_pose(self) -> bool:
+        """True if every angle has a loss with curvature everywhere."""
+        return bool(self._distances) or self._centre is not None
 
     def free(self) -> Int[Tensor, " unknown"]:
         """Indices of the unknowns without the angles that the ranges fix, such as twist."""
@@ -222,16 +226,22 @@ def without_second_derivatives(prior: Prior) -> list[str]:
     names = []
     for name, term in prior.terms.items():
         # Classes derived from the others may have another loss.
-        possible = type(term) in known or _is_pose_distance(term)
+        possible = type(term) in known or term in pose_distances(prior)
         if not possible or (type(term) in once and type(term) in seen):
             names.append(name)
         seen.append(type(term))
     return names
 
 
-def _is_pose_distance(term: Module) -> bool:
-    """Return true for a term whose loss is the squared distance from a mean pose."""
-    return isinstance(term, PoseDistanceTerm) and type(term).forward is PoseDistanceTerm.forward
+def pose_distances(prior: Prior) -> list[PoseDistanceTerm]:
+    """Terms of a prior whose loss is the squared distance from a mean pose.
+
+    Args:
+        prior: The prior.
+    """
+    terms = [term for term in prior.terms.values() if isinstance(term, PoseDistanceTerm)]
+    # A class derived from it may have another loss.
+    return [term for term in terms if type(term).forward is PoseDistanceTerm.forward]
 
 
 def _uniform_moments(term: RangeOfMotionTerm) -> tuple[Tensor, Tensor]:

@@ -36,6 +36,11 @@ class Projected:
     translation: Float[Tensor, "hand 3"]
     """Position of the hand's origin, metres."""
 
+    @property
+    def points(self) -> Float[Tensor, "3 landmark=21 hand"]:
+        """Landmarks from the hand's origin, axes of the camera, metres."""
+        return self.turned[:, : self.pixels.shape[1]]
+
 
 class LandmarkProjection:
     """Projection of a hand model's landmarks with its Jacobian.
@@ -78,20 +83,23 @@ class LandmarkProjection:
         self._count = count
         self._kept, self._entries = self._entry_index()
 
-    def _entry_index(self) -> tuple[Tensor, Tensor]:
+    def _entry_index(self, coordinates: int = 2) -> tuple[Tensor, Tensor]:
         """Positions of the derivatives by rotations: among all, and in the flattened Jacobian.
 
         The derivatives are axis × coordinate × pair.
+
+        Args:
+            coordinates: Coordinates of a landmark, 2 for pixels and 3 for points.
         """
         joint = torch.tensor(LEVEL_ORDER)[self._pair_joint]
         first = torch.where(joint == 0, ROTATION.start, ANGLES.start + 3 * (joint - 1))
-        unknown = (first + torch.arange(3)[:, None])[:, None].expand(3, 2, -1)
+        unknown = (first + torch.arange(3)[:, None])[:, None].expand(3, coordinates, -1)
         place = torch.full((COUNT,), -1)
         place[self.free] = torch.arange(len(self.free))
         column = place[unknown].flatten()
-        row = torch.arange(2)[:, None] * self._count + self._pair_landmark
+        row = torch.arange(coordinates)[:, None] * self._count + self._pair_landmark
         kept = (column >= 0).nonzero()[:, 0]
-        return kept, (row.expand(3, 2, -1).flatten() * len(self.free) + column)[kept]
+        return kept, (row.expand(3, coordinates, -1).flatten() * len(self.free) + column)[kept]
 
     def __call__(
         self,
@@ -137,6 +145,24 @@ class LandmarkProjection:
         whole[:, :, columns - 13 : columns - 10] = self._by_place(at, inverse)
         whole[:, :, columns - 10 :] = self._by_shape(at)
         return flat.mT.reshape(hands, 2 * self._count, columns)
+
+    def point_jacobian(self, at: Projected) -> Float[Tensor, "hand coordinate=63 unknown"]:
+        """Derivatives of `at.points` by the free unknowns: all x, all y, all z; zero by the place.
+
+        Args:
+            at: The hands, projected.
+        """
+        hands, columns = len(at.translation), len(self.free)
+        flat = at.pixels.new_zeros(3 * self._count * columns, hands)
+        axes = at.axes[:, :, self._pair_joint]
+        by_angle = torch.linalg.cross(axes, at.turned[:, None].expand_as(axes), dim=0)
+        kept, entries = self._entry_index(3)
+        flat[entries] = by_angle.transpose(0, 1).flatten(0, 2)[kept]
+        whole = flat.view(3, self._count, columns, hands)
+        turn = at.orientations[:, :, self._summand_joint].unflatten(2, (self._count, self._slots))
+        directions = self._directions.view(self._count, self._slots, 3, 10)
+        whole[:, :, columns - 10 :] = torch.einsum("wamsh,msad->wmdh", turn, directions)
+        return flat.mT.reshape(hands, 3 * self._count, columns)
 
     def _by_place(self, at: Projected, inverse: Tensor) -> Float[Tensor, "2 landmark=21 3 hand"]:
         """Derivatives by the projection of the origin and by the log depth."""

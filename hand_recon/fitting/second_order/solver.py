@@ -9,7 +9,9 @@ from torch import Tensor
 
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
+from hand_recon.fitting.second_order.landmark_covariance import Minimum, mixed_covariance
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import (
     Limits,
@@ -36,8 +38,11 @@ class Round:
     """True if two more starts follow from looking the fingers up with the best start's palm."""
 
 
-ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4), Round(2, 6))
-"""Selection of the start, with centred angles."""
+ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
+"""Selection of the starts, with centred angles; those after the last round stand for all minima."""
+
+FINAL: Final = Round(2, 6)
+"""Selection of one start among them."""
 
 LAST: Final = Limits(iterations=25, tolerance=1e-5)
 """Steps of the best start on the loss itself."""
@@ -89,11 +94,33 @@ class SecondOrder:
         prior, data_term = self.objective.prior, self.objective.data_term
         terms = PriorTerms(prior, centred=True)
         centred = Problem.of(self.free, terms, data_term, observation)
-        best = self._selected(centred, self._starts(centred, palms, further))
+        several = self._selected(centred, self._starts(centred, palms, further))
+        best = self._advanced(centred, several, FINAL)
+        best = best[_least(best.model.value, len(observation), 1)]
         plain = replace(centred, projection=self.projection, terms=PriorTerms(prior))
-        unknowns = minimize(plain, Reached.at(plain, best.unknowns), LAST).unknowns
-        found = self.objective(unknowns.parameters(plain.inverse), observation)
-        return self._apart(plain, unknowns, found)
+        last = minimize(plain, Reached.at(plain, best.unknowns), LAST)
+        found = self.objective(last.unknowns.parameters(plain.inverse), observation)
+        found = self._apart(plain, last.unknowns, found)
+        if not (is_likelihood(data_term) and centred.terms.bounds_pose):
+            return found
+        covariance = self._covariance(centred, last, several)
+        return replace(found, prediction=replace(found.prediction, covariance_3d=covariance))
+
+    def _covariance(
+        self, problem: Problem, best: Reached, several: Reached
+    ) -> Float[Tensor, "hand landmark=21 3 3"]:
+        """Covariance of the landmarks of each hand about its result.
+
+        Args:
+            problem: The loss with a prior that bounds every angle.
+            best: The results.
+            several: Results of several starts of each hand, behind each other.
+        """
+        hands = len(problem.target)
+        count = len(several.damping) // max(hands, 1)
+        result = Minimum.of(problem, Reached.at(problem, best.unknowns))
+        others = Minimum.of(problem[_rows(hands, len(several.damping))], several)
+        return mixed_covariance(result, others, count)
 
     def _starts(self, problem: Problem, palms: Start | None, further: Start | None) -> Unknowns:
         """All starts, those of each hand behind each other."""
@@ -110,16 +137,21 @@ class SecondOrder:
         return Unknowns.beside(found, hands)
 
     def _selected(self, problem: Problem, start: Unknowns) -> Reached:
-        """The best start of each hand after the rounds."""
+        """The best starts of each hand after the rounds, behind each other."""
         hands = len(problem.target)
         here = Reached.at(problem[_rows(hands, len(start))], start)
         for of_round in ROUNDS:
-            here = here[_least(here.model.value, hands, of_round.starts)]
-            rows = _rows(hands, len(here.damping))
-            here = minimize(problem[rows], here, Limits(of_round.steps))
+            here = self._advanced(problem, here, of_round)
             if of_round.look_up:
                 here = self._looked_up(problem, here)
-        return here[_least(here.model.value, hands, 1)]
+        return here
+
+    @staticmethod
+    def _advanced(problem: Problem, here: Reached, of_round: Round) -> Reached:
+        """The best starts of each hand after the steps of a round."""
+        hands = len(problem.target)
+        here = here[_least(here.model.value, hands, of_round.starts)]
+        return minimize(problem[_rows(hands, len(here.damping))], here, Limits(of_round.steps))
 
     def _looked_up(self, problem: Problem, here: Reached) -> Reached:
         """Two more starts per hand: its best one with fingers that are looked up for its palm."""
