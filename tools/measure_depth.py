@@ -20,6 +20,7 @@ import torch
 
 from depth.comparison import PREVIOUS, Scored, as_json, markdown
 from depth.drawing import draw_worst
+from depth.failures import markdown_failures
 from depth.methods import TABLE_1, Method, run
 from depth.sets import DepthSet, headset_poses, synthetic_views
 from depth.stereo import stereo_clip
@@ -99,6 +100,8 @@ def main(words: Sequence[str] | None = None) -> None:
     if arguments.json is not None:
         write_json(arguments.json, as_json(scored, against))
     drawn = [one for one in scored if one.hands.name == "headset"]
+    if drawn:
+        print(f"\n{markdown_failures(drawn[-1])}")
     if arguments.draw is not None and drawn:
         write_image(arguments.draw, draw_worst(drawn[-1], arguments.worst))
 

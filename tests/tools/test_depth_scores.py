@@ -9,6 +9,7 @@ import torch
 
 from depth.comparison import PREVIOUS, Scored, as_json, markdown, worst
 from depth.drawing import draw_worst
+from depth.failures import depth_errors, flipped_fingers, markdown_failures
 from depth.methods import TABLE_1, Method, run
 from depth.scores import aligned_errors, grouped_mean, second_view_errors
 from depth.sets import DepthSet, SecondCamera
@@ -179,6 +180,28 @@ def test_the_worst_hands_are_drawn_first(scored: list[Scored]) -> None:
     assert drawn.shape[2] == 3
     # Coloured bones: pixels whose channels differ.
     assert (np.ptp(drawn.astype(int), axis=2) > 60).sum() > 500
+
+
+def test_a_finger_is_flipped_where_its_tip_is_on_the_other_side_of_its_base() -> None:
+    truth, errors = torch.zeros(4, 21, 3), torch.zeros(4, 21, 3)
+    # The index, base 5 and tip 8: 30 mm behind its base, then 20 mm before it; and 10 mm behind; all exact.
+    truth[:3, 8, 2] = 0.03
+    errors[0, 8, 2] = -0.05
+    errors[1, 8, 2] = -0.02
+    # The same error with the base, and a tip that changes its side by 10 mm.
+    errors[2, [5, 8], 2] = -0.05
+    truth[3, 8, 2], errors[3, 8, 2] = 0.005, -0.01
+    found = flipped_fingers(truth, errors)
+    assert found.nonzero().tolist() == [[0, 1]]
+
+
+def test_the_table_of_failures_has_all_hands_and_the_worst(scored: list[Scored]) -> None:
+    lines = markdown_failures(scored[0]).splitlines()
+    assert lines[2].startswith(f"| all | 4 | {scored[0].mean().value:.1f} |")
+    assert lines[3].startswith(f"| worst tenth | 1 | {float(scored[0].errors.max()):.1f} |")
+    assert len({line.count("|") for line in lines}) == 1
+    errors = depth_errors(scored[0])
+    torch.testing.assert_close(1000 * errors.norm(dim=-1), scored[0].landmark_errors)
 
 
 def test_the_command_prints_a_table_and_writes_what_was_asked_for(
