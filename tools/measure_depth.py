@@ -19,6 +19,7 @@ from pathlib import Path
 import torch
 
 from depth.comparison import PREVIOUS, Scored, as_json, markdown
+from depth.coverage import markdown_coverage
 from depth.drawing import draw_worst
 from depth.failures import markdown_failures
 from depth.methods import TABLE_1, Method, run
@@ -97,6 +98,9 @@ def main(words: Sequence[str] | None = None) -> None:
         for method in methods
     ]
     print(markdown(scored, against))
+    covered = markdown_coverage(scored)
+    if covered:
+        print(f"\n{covered}")
     if arguments.json is not None:
         write_json(arguments.json, as_json(scored, against))
     drawn = [one for one in scored if one.hands.name == "headset"]

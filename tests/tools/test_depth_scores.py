@@ -1,6 +1,7 @@
 """Errors and intervals of the measurement of depth, and the forms that it prints."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import torch
 
 from depth.comparison import PREVIOUS, Scored, as_json, markdown, worst
+from depth.coverage import Coverage, markdown_coverage
 from depth.drawing import draw_worst
 from depth.failures import depth_errors, flipped_fingers, markdown_failures
 from depth.methods import TABLE_1, Method, run
@@ -180,6 +182,39 @@ def test_the_worst_hands_are_drawn_first(scored: list[Scored]) -> None:
     assert drawn.shape[2] == 3
     # Coloured bones: pixels whose channels differ.
     assert (np.ptp(drawn.astype(int), axis=2) > 60).sum() > 500
+
+
+def test_gaussian_errors_are_covered_as_a_gaussians_are(
+    hands: DepthSet, scored: list[Scored]
+) -> None:
+    """Errors drawn from covariances that differ by landmark, about a hand of another size."""
+    count = 400
+    sigma = 0.001 * torch.linspace(1, 4, 21, dtype=torch.float64)
+    noise = sigma[:, None] * torch.randn(count, 21, 3, dtype=torch.float64)
+    noise[:, 9] = 0
+    truth = hands.ground_truth[:1].expand(count, 21, 3)
+    prediction = scored[0].run.parts[0].prediction.select(torch.zeros(count, dtype=torch.long))
+    covariance = torch.diag_embed(sigma.square()[:, None].expand(21, 3)).expand(count, 21, 3, 3)
+    part = replace(
+        scored[0].run.parts[0],
+        observed=hands.landmarks.select(torch.zeros(count, dtype=torch.long)),
+        prediction=replace(
+            prediction, landmarks_3d=2 * (truth + noise), covariance_3d=4 * covariance
+        ),
+        origins=(),
+    )
+    names = tuple(str(number) for number in range(count))
+    many = replace(hands.select([0] * count), groups=names)
+    found = Coverage.of(replace(scored[0], hands=many, run=replace(scored[0].run, parts=(part,))))
+    assert found is not None
+    assert found.within_one.value == pytest.approx(0.683, abs=0.02)
+    assert found.within_two.value == pytest.approx(0.954, abs=0.01)
+    # Of |e| with e ~ N(0, σ²): the larger half of the σ has most of the larger errors.
+    assert 0.5 < found.rank_correlation < 0.9
+    none = replace(part, prediction=replace(part.prediction, covariance_3d=None))
+    without = replace(scored[0], run=replace(scored[0].run, parts=(none,)))
+    assert Coverage.of(without) is None
+    assert not markdown_coverage([without])
 
 
 def test_a_finger_is_flipped_where_its_tip_is_on_the_other_side_of_its_base() -> None:
