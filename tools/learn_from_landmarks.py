@@ -1,6 +1,6 @@
 """Learn from 2D landmarks alone where a detector puts them on the hand, and how living hands are held.
 
-    python -m tools.learn_from_landmarks <folder>/train.json [--only rps,digits] [--hands 1200] [--check]
+    python -m tools.learn_from_landmarks <folder>/train.json [--only rps,digits] [--hands 1200]
 
 The file has 2D landmarks of many photographs (docs/landmark_files.md). There is no 3D in it. The hand model
 is fitted to all of them, and what their residuals have in common is learnt:
@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.data.landmarks.crops import to_crops
@@ -86,14 +86,11 @@ class Statistics:
     """Squared radians."""
 
 
-def without_data(fixed: Bool[Tensor, " angle=45"]) -> Statistics:
+def without_data() -> Statistics:
     """Statistics from the ranges and from what the literature says of coupled joints.
 
     Every angle has the moments of a uniform distribution over its range. DIP ≈ ⅔ PIP (Rijpkema and Girard,
     SIGGRAPH 1991); neighbouring fingers bend together (Häger-Ross and Schieber, J. Neurosci. 20(22), 2000).
-
-    Args:
-        fixed: Angles whose range has no width.
     """
     ranges = load_ranges("literature", hands.open_hand().rest_angles)
     lower, upper = ranges.lower.flatten().double(), ranges.upper.flatten().double()
@@ -134,7 +131,7 @@ class Learner:
         self.offsets = torch.zeros(len(LANDMARKS), 3)
         ranges = load_ranges("literature", self.asset.rest_angles)
         self.fixed = ((ranges.upper - ranges.lower) < 1e-3).flatten()
-        self.before = without_data(self.fixed)
+        self.before = without_data()
         self.statistics: Statistics | None = None
 
     def hand(self) -> HandModel:

@@ -2,8 +2,8 @@
 
 With a likelihood as data term, the loss is the negative logarithm of a posterior density up to a constant.
 Each minimum has the Gaussian of its second derivatives (Laplace's approximation), weighted by its height and
-its volume. The covariance of the mixture has two parts: that within a minimum, and the distances between minima,
-such as the two depths of a finger that look alike.
+its volume. The covariance of the mixture has two parts: that within a minimum, and the distances between
+minima, such as the two depths of a finger that look alike.
 """
 
 from dataclasses import dataclass

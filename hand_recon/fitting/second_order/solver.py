@@ -41,10 +41,10 @@ class Round:
 ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
 """Selection of the starts, with centred angles; those after the last round stand for all minima."""
 
-FINAL: Final = Round(2, 6)
+FINAL: Final = Round(2, 3)
 """Selection of one start among them."""
 
-LAST: Final = Limits(iterations=25, tolerance=1e-5)
+LAST: Final = Limits(iterations=25, tolerance=1e-4)
 """Steps of the best start on the loss itself."""
 
 APART: Final = Limits(iterations=8, tolerance=1e-3, largest_angle=0.2)
