@@ -30,7 +30,7 @@ from landmark_noise.readings import SQUARE, CopiedHand, Image, read_hands
 from landmark_noise.table import fit_table, write_table
 from measure_detector import read
 
-SOURCES: Final = ("none", "table", "copies", "both")
+SOURCES: Final = ("equal", "table", "copies", "both")
 
 
 def main() -> None:
@@ -79,7 +79,7 @@ def calibrate_table(options: argparse.Namespace) -> None:
     gains = []
     for copies in range(len(COPIES) + 1):
         for use in SOURCES:
-            if copies or use in ("none", "table"):
+            if copies or use in ("equal", "table"):
                 print(
                     f"{copies} copies, σ from {use}: {_words(calibrate(clip, table, copies, use))}"
                 )
@@ -140,7 +140,7 @@ TASKS: Final = {
     "calibrate": calibrate_table,
     "fit": fit_clip,
 }
-"""What can be asked for."""
+"""Tasks by name."""
 
 
 if __name__ == "__main__":

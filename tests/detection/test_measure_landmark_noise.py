@@ -114,7 +114,7 @@ def test_calibration_finds_the_gain_and_that_sigma_is_gaussian() -> None:
     assert found.within[1] == pytest.approx(0.954, abs=0.01)
     # Four landmarks of 21 have twice the noise.
     assert found.correlation > 0.2
-    equal = calibrate(clip_of(1.7, 400), table_of(1.0), 0, "none")
+    equal = calibrate(clip_of(1.7, 400), table_of(1.0), 0, "equal")
     assert equal.likelihood > found.likelihood + 0.05
 
 

@@ -110,7 +110,7 @@ class Clip:
         Args:
             table: Table of the spread.
             copies: Number of copies.
-            use: `table`, `copies`, `both`, or `none` for the same σ of all landmarks, in sides of the square.
+            use: `table`, `copies`, `both`, or `equal` for the same share of the square for all landmarks.
         """
         return tuple(  # type: ignore[return-value]  # two cameras
             np.array([hand.side * _spread(hand, table, copies, use) for hand in hands])
@@ -126,7 +126,7 @@ def _mean(hand: CopiedHand, copies: int) -> Float[np.ndarray, "landmark=21 2"]:
 def _spread(
     hand: CopiedHand, table: NoiseTable, copies: int, use: str
 ) -> Float[np.ndarray, "landmark=21"]:
-    if use == "none":
+    if use == "equal":
         return np.ones(21)
     if use == "table" or not copies:
         return table.spread(hand.features)

@@ -20,19 +20,22 @@ from hand_recon.runs.fit_run import adapted_to_data, build_fitter
 from landmark_noise.clip import Clip, calibrate
 
 METHODS: Final = (
-    (0, "none"),
+    (0, "fit"),
+    (0, "equal"),
     (0, "table"),
-    (1, "none"),
+    (1, "fit"),
+    (1, "equal"),
     (1, "table"),
     (1, "both"),
-    (2, "none"),
+    (2, "fit"),
     (2, "both"),
     (3, "both"),
-    (8, "none"),
+    (8, "fit"),
+    (8, "equal"),
     (8, "copies"),
     (8, "both"),
 )
-"""Numbers of copies and sources of σ, as for `landmark_noise.clip.calibrate`; the first is compared with."""
+"""Numbers of copies and sources of σ: `fit` for the fit's own, else as for `calibrate`; the first is the reference."""
 
 
 def compare(clip: Clip, folder: Path, table: NoiseTable) -> Iterator[str]:
@@ -60,21 +63,20 @@ def compare(clip: Clip, folder: Path, table: NoiseTable) -> Iterator[str]:
         errors = aligned_errors(torch.cat([expected, expected]), found).mean(dim=1)
         first = errors if first is None else first
         change = grouped_mean(errors - first, groups).signed()
-        name = "one σ" if use == "none" else f"σ from {use}"
-        yield f"{copies} copies, {name}: {grouped_mean(errors, groups)} mm, change {change}"
+        yield f"{copies} copies, σ {use}: {grouped_mean(errors, groups)} mm, change {change}"
 
 
 def _landmarks(
     clip: Clip, table: NoiseTable, copies: int, use: str
 ) -> tuple[ImageLandmarks, ImageLandmarks]:
-    """The landmarks of each camera; without σ, the fit takes its own for unknown ones."""
+    """The landmarks of each camera."""
     points = clip.landmarks(copies)
-    gain = calibrate(clip, table, copies, use).gain
-    spreads = clip.spread(table, copies, use=use)
+    gain = 1.0 if use == "fit" else calibrate(clip, table, copies, use).gain
+    spreads = clip.spread(table, copies, use="equal" if use == "fit" else use)
     one, other = (
         _of_camera(points[number], clip.cameras[number].matrix, sigma)
         for number, sigma in enumerate(
-            None if use == "none" else np.hypot(SHARED_ERROR * sides, gain * spread)
+            None if use == "fit" else np.hypot(SHARED_ERROR * sides, gain * spread)
             for sides, spread in zip(clip.sides, spreads, strict=True)
         )
     )
