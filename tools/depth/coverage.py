@@ -9,21 +9,18 @@ from torch import Tensor
 
 from depth.comparison import Scored
 from depth.scores import Mean, grouped_mean
-from hand_recon.hand.skeleton import ROOT_LANDMARK
 
-LIMITS: Final = (3.527, 8.025)
-"""Squared Mahalanobis distances within which a Gaussian in three dimensions has the shares of one and two σ,
-0.683 and 0.954: quantiles of χ² with three degrees of freedom."""
+LIMITS: Final = {"50 %": 2.366, "90 %": 6.251, "95 %": 7.815}
+"""Squared Mahalanobis distances within which a Gaussian in three dimensions has these shares: quantiles of χ²
+with three degrees of freedom."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Errors of landmarks from the hand's root beside their covariances."""
+    """Errors of landmarks in the camera's axes beside their covariances."""
 
-    within_one: Mean
-    """Share of the landmarks within one σ; of a Gaussian 0.683."""
-    within_two: Mean
-    """Share of the landmarks within two σ; of a Gaussian 0.954."""
+    within: tuple[Mean, ...]
+    """Percentage of the landmarks within each of `LIMITS`."""
     rank_correlation: float
     """Spearman's correlation of the size of an error and of the σ that was given."""
 
@@ -31,8 +28,8 @@ class Coverage:
     def of(cls, scored: Scored) -> Self | None:
         """Compare errors and covariances; none for a fit without covariances.
 
-        One view does not give the size of a hand, so that the fit is scaled about the root to meet the ground
-        truth best. It is not rotated.
+        One view does not give the size of a hand, and the hand's origin, which the covariances are about, is
+        no landmark. So the fit is scaled and moved to meet the ground truth best; it is not rotated.
 
         Args:
             scored: The run.
@@ -41,20 +38,20 @@ class Coverage:
         known = [each for each in covariances if each is not None]
         if len(known) < len(covariances):
             return None
-        covariance = torch.cat(known).double()
         found, expected = (
-            points - points[:, ROOT_LANDMARK, None]
+            points - points.mean(dim=1, keepdim=True)
             for points in (scored.run.landmarks_3d, scored.hands.ground_truth)
         )
         scale = (found * expected).sum(dim=(1, 2)) / found.square().sum(dim=(1, 2))
-        others = [each for each in range(21) if each != ROOT_LANDMARK]
-        error = (scale[:, None, None] * found - expected)[:, others]
-        spread = (scale[:, None, None, None].square() * covariance)[:, others]
+        error = scale[:, None, None] * found - expected
+        spread = scale[:, None, None, None].square() * torch.cat(known).double()
         distance = (error * torch.linalg.solve(spread, error[..., None])[..., 0]).sum(dim=-1)
-        groups = scored.hands.groups
         sigma = spread.diagonal(dim1=-2, dim2=-1).sum(dim=-1)
         return cls(
-            *(grouped_mean((distance < limit).double().mean(dim=1), groups) for limit in LIMITS),
+            tuple(
+                grouped_mean(100 * (distance < limit).double().mean(dim=1), scored.hands.groups)
+                for limit in LIMITS.values()
+            ),
             _rank_correlation(error.norm(dim=-1).flatten(), sigma.flatten()),
         )
 
@@ -75,12 +72,17 @@ def markdown_coverage(scored: list[Scored]) -> str:
     if not rows:
         return ""
     lines = [
-        "| set | method | within 1 σ (Gaussian: 0.683) | within 2 σ (0.954) | rank correlation |",
-        "|" + " --- |" * 5,
+        "| set | method | "
+        + "".join(f"within {name} | " for name in LIMITS)
+        + "rank correlation |",
+        "|" + " --- |" * (len(LIMITS) + 3),
     ]
     for one, found in rows:
+        shares = " | ".join(
+            f"{share.value:.0f} ({share.interval.low:.0f} … {share.interval.high:.0f})"
+            for share in found.within
+        )
         lines.append(
-            f"| {one.hands.name} | {one.run.method.name} | {found.within_one} | {found.within_two} "
-            f"| {found.rank_correlation:.2f} |"
+            f"| {one.hands.name} | {one.run.method.name} | {shares} | {found.rank_correlation:.2f} |"
         )
     return "\n".join(lines)
