@@ -35,7 +35,7 @@ METHODS: Final = (
     (8, "copies"),
     (8, "both"),
 )
-"""Numbers of copies and sources of σ, as for `calibrate`, or `fit` for the σ that a fit takes for unknown ones."""
+"""Numbers of copies and sources of σ, as for `calibrate`, or `fit` for the σ that a fit takes by itself."""
 
 
 def compare(clip: Clip, folder: Path, table: NoiseTable) -> Iterator[str]:
