@@ -32,7 +32,7 @@ def test_photographs_become_a_folder_of_hands(folder: Path) -> None:
     assert [entry["image"] for entry in entries] == ["1 two.png"] * 2 + ["3 hånd's, [left].png"]
     assert [entry["side"] for entry in entries] == ["right", "right", "left"]
     for entry in entries:
-        assert entry["source"] == "landmarks, fit"
+        assert entry["source"] == "landmarks, lifter, fit"
         assert entry["camera"]["source"] == "given"
         assert entry["camera"]["image_size"] == [640, 480]
         np.testing.assert_allclose(entry["camera"]["intrinsics"], CAMERA, atol=1e-3)
