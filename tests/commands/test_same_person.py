@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from omegaconf import DictConfig, open_dict
 
 import hand_recon
 from hand_recon.camera import project
@@ -17,12 +18,21 @@ from hand_recon.hand.model import HandModel
 from hand_recon.runs import fit_run
 from hand_recon.runs.fit_run import fit
 from hand_recon.runs.predict_run import predict
-from tests.commands.test_fit import CAMERA, asked
 from tests.support import photo_folder
+from tests.support.configurations import composed
+from tests.support.photo_folder import CAMERA
 from tests.support.views import known_hands, views
 
 COUNT = 5
 WORDS = ("lifter=none", "descent.starts=2", "results.meshes=0", "results.pictures=0")
+
+
+def asked(output: Path, *overrides: str) -> DictConfig:
+    """`conf/fit.yaml` composed for a folder of ours."""
+    config = composed("threads=1", *overrides, f"output={output}", name="fit")
+    with open_dict(config):
+        del config["hydra"]
+    return config
 
 
 def pixels(hand: HandModel, count: int = COUNT) -> torch.Tensor:

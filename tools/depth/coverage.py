@@ -1,4 +1,4 @@
-"""Whether the 3D covariances of fitted landmarks cover their errors."""
+"""Coverage of the errors of fitted landmarks by their 3D covariances."""
 
 from dataclasses import dataclass
 from typing import Final, Self

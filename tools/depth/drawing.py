@@ -12,7 +12,7 @@ from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.visualization.canvas import Panel, sheet
 from hand_recon.visualization.hand_marks import draw_given, draw_skeleton
 
-SIDE: Final = 280
+SIDE: Final = 250
 """Side of a panel, pixels."""
 
 GREY: Final = 205
@@ -47,9 +47,9 @@ def draw_worst(scored: Scored, count: int) -> UInt8[np.ndarray, "height width 3"
 
 
 def _largest(scored: Scored, place: int) -> str:
-    """The three landmarks of a hand that are farthest off, with their errors."""
+    """The two landmarks of a hand that are farthest off, with their errors."""
     errors = scored.landmark_errors[place]
-    order = errors.argsort(descending=True)[:3].tolist()
+    order = errors.argsort(descending=True)[:2].tolist()
     return ", ".join(f"{LANDMARKS[index]} {float(errors[index]):.0f}" for index in order) + " mm"
 
 

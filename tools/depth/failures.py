@@ -1,4 +1,4 @@
-"""What the worst hands of a set have in common: fingers and wrists on the wrong side in depth."""
+"""Causes of the largest errors: fingers and wrists that are wrong in depth."""
 
 from typing import Final
 

@@ -64,7 +64,7 @@ class DepthSet:
     second: SecondCamera | None = None
     """A second view of the hands."""
     landmark_set: str | None = None
-    """Where on the hand the landmarks are, a landmark set of the hand model; none for the fit's default."""
+    """Landmark set of the hand model that the landmarks belong to; none for the fit's default."""
 
     def __len__(self) -> int:
         return len(self.groups)
