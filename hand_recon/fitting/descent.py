@@ -40,6 +40,9 @@ class Descent:
     """`second_order` (Levenberg–Marquardt) or `adam`, which takes ten to thirty times as long."""
     starts: int = 4
     """Closed-form placements of the palm per hand; the second-order solver tries fingers in two ways each."""
+    finger_table: bool = True
+    """True if the second-order solver looks the fingers of its starts up in a table of natural poses. The
+    table is knowledge of hands: a fit without knowledge must not have it."""
     steps: int = 300
     """Steps of Adam."""
     learning_rate: float = 0.1
@@ -181,7 +184,9 @@ def _solver(
     """Function that fits a batch of hands from placements of the palm and further starts."""
     if descent.solver != "adam" and not _without_derivatives(objective):
         last = last_stage(objective.data_term, observation, descent)
-        return SecondOrder.of(replace(objective, data_term=last))
+        return SecondOrder.of(
+            replace(objective, data_term=last), finger_table=descent.finger_table
+        )
     objectives = (objective.without_non_penetration(), objective)
 
     def by_adam(piece: Observation, palms: Start | None, further: Start | None) -> Fitted:

@@ -46,8 +46,12 @@ PRIOR: Final = (
 )
 """Settings of the prior that are compared with the paper's."""
 
-_FROM_3D: Final = ("prior.pose_components.weight", "prior.adversarial.weight")
-"""Weights of terms that only the priors for comparison have."""
+_NOT_IN_PAPER: Final = (
+    "prior.natural_pose.weight",
+    "prior.pose_components.weight",
+    "prior.adversarial.weight",
+)
+"""Weights of terms that the paper's priors do not have."""
 
 
 @cache
@@ -197,7 +201,7 @@ def _of_prior(settings: Settings, name: str) -> str:
         return settings[f"{name}._target_"].rpartition(".")[-1]
     if settings.get(name.rpartition(".")[0]) == "None":
         return "0.0" if name.endswith(".weight") else "None"
-    return "0.0" if name in _FROM_3D else "unknown"
+    return "0.0" if name in _NOT_IN_PAPER else "unknown"
 
 
 def _number(text: str | None) -> float | None:

@@ -159,6 +159,24 @@ def test_how_sure_the_detector_was_matters(hand: HandModel, tmp_path: Path) -> N
     assert off[1] > off[0] + 5
 
 
+def test_given_sigma_is_in_the_result_and_is_read_again(hand: HandModel, tmp_path: Path) -> None:
+    """σ in the file of hands is the one of the landmarks; without one there is none."""
+    points, sigma = seen(hand, 1)[0].numpy(), np.linspace(2.0, 6.0, 21)
+    plain, with_sigma, output = (tmp_path / name for name in ("a.json", "b.json", "out"))
+    plain.write_text(json.dumps([{"landmarks": points[0].tolist()}]))
+    with_sigma.write_text(json.dumps([{"landmarks": points[0].tolist(), "sigma": sigma.tolist()}]))
+    results = []
+    for path in (plain, with_sigma, output / "b" / "hands.json"):
+        folder = output / path.stem
+        fit(asked(folder, f"landmarks={path}", "descent.starts=1"))
+        results.append(entries_of(folder)[0])
+    assert results[0]["sigma_2d"] is None
+    np.testing.assert_allclose(results[1]["sigma_2d"], np.stack([sigma, sigma], 1), rtol=1e-5)
+    np.testing.assert_allclose(results[2]["sigma_2d"], results[1]["sigma_2d"], rtol=1e-5)
+    np.testing.assert_allclose(results[2]["landmarks_3d"], results[1]["landmarks_3d"], atol=1e-4)
+    assert np.linalg.eigvalsh(results[1]["covariance_3d"]).min() > 0
+
+
 def test_a_folder_with_a_fit_in_it_is_not_written_to(landmarks: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     output.mkdir()

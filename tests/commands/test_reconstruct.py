@@ -21,7 +21,7 @@ def test_the_python_call_gives_what_the_command_writes(folder: Path, tmp_path: P
     assert json.loads(json.dumps(hands.entries())) == read(folder / "out")
     assert (hands.sides, len(hands)) == (("right", "right"), 2)
     assert hands.vertices.shape == (2, 778, 3)
-    np.testing.assert_array_equal(hands.records.covariance_3d, np.nan)
+    assert np.linalg.eigvalsh(hands.records.covariance_3d).min() > 0
     drawing = hands.draw(tmp_path / "over.png")
     assert drawing.shape[0] >= 480
     for name in ("hands.obj", "hands.glb"):

@@ -61,15 +61,16 @@ class SecondOrder:
     """Landmarks with derivatives by all unknowns."""
     free: LandmarkProjection
     """Landmarks with derivatives by the unknowns that the ranges do not fix."""
-    fingers: FingerPoses
-    """Start poses of the fingers."""
+    fingers: FingerPoses | None
+    """Start poses of the fingers; None for starts as they are."""
 
     @classmethod
-    def of(cls, objective: Objective) -> Self:
+    def of(cls, objective: Objective, *, finger_table: bool = True) -> Self:
         """Prepare fits on a loss.
 
         Args:
             objective: The loss, with its data term in the last stage.
+            finger_table: Whether fingers of the starts are looked up in a table of natural poses.
         """
         hand = objective.hand
         free = PriorTerms(objective.prior).free()
@@ -77,7 +78,7 @@ class SecondOrder:
             objective,
             LandmarkProjection(hand),
             LandmarkProjection(hand, free),
-            FingerPoses(hand.landmarks_only()),
+            FingerPoses(hand.landmarks_only()) if finger_table else None,
         )
 
     @torch.no_grad()
@@ -88,7 +89,7 @@ class SecondOrder:
 
         Args:
             observation: The landmarks.
-            palms: Placements of the palm, batch × start; the fingers are looked up.
+            palms: Placements of the palm, batch × start, with poses; the table replaces the fingers' ones.
             further: Starts that are taken as they are, batch × start.
         """
         prior, data_term = self.objective.prior, self.objective.data_term
@@ -126,7 +127,9 @@ class SecondOrder:
         """All starts, those of each hand behind each other."""
         hands = len(problem.target)
         found: list[Unknowns] = []
-        if palms is not None:
+        if palms is not None and self.fingers is None:
+            further = palms if further is None else Start.beside([palms, further])
+        elif palms is not None and self.fingers is not None:
             several = problem[_rows(hands, hands * palms.translation.shape[1])]
             seen = Seen.of(several.observation)
             placed = Unknowns.of_start(palms.flat(), seen.intrinsics)
@@ -142,8 +145,8 @@ class SecondOrder:
         here = Reached.at(problem[_rows(hands, len(start))], start)
         for of_round in ROUNDS:
             here = self._advanced(problem, here, of_round)
-            if of_round.look_up:
-                here = self._looked_up(problem, here)
+            if of_round.look_up and self.fingers is not None:
+                here = self._looked_up(problem, here, self.fingers)
         return here
 
     @staticmethod
@@ -153,11 +156,12 @@ class SecondOrder:
         here = here[_least(here.model.value, hands, of_round.starts)]
         return minimize(problem[_rows(hands, len(here.damping))], here, Limits(of_round.steps))
 
-    def _looked_up(self, problem: Problem, here: Reached) -> Reached:
+    @staticmethod
+    def _looked_up(problem: Problem, here: Reached, fingers: FingerPoses) -> Reached:
         """Two more starts per hand: its best one with fingers that are looked up for its palm."""
         hands = len(problem.target)
         best = here.unknowns[_least(here.model.value, hands, 1)]
-        more = Unknowns.beside(self.fingers.nearest(best, Seen.of(problem.observation)), hands)
+        more = Unknowns.beside(fingers.nearest(best, Seen.of(problem.observation)), hands)
         found = Reached.at(problem[_rows(hands, len(more))], more)
         both = here.joined(found)
         order = torch.cat([_rows(hands, len(here.damping)), _rows(hands, len(more))])
