@@ -15,7 +15,7 @@ import hand_recon
 from hand_recon.camera import project
 from hand_recon.fitting import in_parts
 from hand_recon.hand.model import HandModel
-from hand_recon.runs import fit_run
+from hand_recon.runs import fit_run, predict_run
 from hand_recon.runs.fit_run import fit
 from hand_recon.runs.predict_run import predict
 from tests.support import photo_folder
@@ -128,6 +128,29 @@ def test_hands_of_all_photographs_have_one_shape(hand: HandModel, tmp_path: Path
     folder = photo_folder.photo_folder(hand, tmp_path)
     with pytest.raises(ValueError, match="1 of 4 images could not be processed"):
         predict(photo_folder.asked(folder, "same_person=true", "results.overlays=false"))
+    person = shapes(folder / "out")
+    assert len(person) == 3
+    assert all(shape == person[0] for shape in person)
+
+
+def test_photographs_of_an_interrupted_command_keep_the_shape_of_all(
+    hand: HandModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = photo_folder.photo_folder(hand, tmp_path)
+    words = ("same_person=true", "results.overlays=false")
+    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
+    real, stops = predict_run.fit_part, itertools.count()
+
+    def interrupted(*given: Any) -> Any:  # noqa: ANN401
+        if next(stops) == 1:
+            raise KeyboardInterrupt
+        return real(*given)
+
+    monkeypatch.setattr(predict_run, "fit_part", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        predict(photo_folder.asked(folder, *words))
+    with pytest.raises(ValueError, match="1 of 4 images could not be processed"):
+        predict(photo_folder.asked(folder, *words))
     person = shapes(folder / "out")
     assert len(person) == 3
     assert all(shape == person[0] for shape in person)
