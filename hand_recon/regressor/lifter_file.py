@@ -145,8 +145,8 @@ def _settings(path: Path, written: str) -> LifterSettings:
     expected = {name: type(value) for name, value in known.items()}
     if kinds != expected:
         raise ValueError(
-            f"{path} has the settings {written}; expected {json.dumps(known)} with other numbers. It was written "
-            "by another version of hand_recon: use that one, or train again."
+            f"{path} has the settings {written}; expected {json.dumps(known)} with other numbers. It was "
+            "written by another version of hand_recon: use that one, or train again."
         )
     return LifterSettings(**found)
 
