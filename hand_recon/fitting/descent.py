@@ -184,9 +184,7 @@ def _solver(
     """Function that fits a batch of hands from placements of the palm and further starts."""
     if descent.solver != "adam" and not _without_derivatives(objective):
         last = last_stage(objective.data_term, observation, descent)
-        return SecondOrder.of(
-            replace(objective, data_term=last), finger_table=descent.finger_table
-        )
+        return SecondOrder.of(replace(objective, data_term=last), finger_table=descent.finger_table)
     objectives = (objective.without_non_penetration(), objective)
 
     def by_adam(piece: Observation, palms: Start | None, further: Start | None) -> Fitted:

@@ -11,8 +11,8 @@ from hand_recon.fitting.observation import observed
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS
 from hand_recon.knowledge.ranges import load_ranges
+from learn_from_landmarks import Learner, without_data
 from tests.support.views import known_hands, views
-from tools.learn_from_landmarks import Learner, without_data
 
 HANDS = 48
 
