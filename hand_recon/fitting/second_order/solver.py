@@ -44,7 +44,7 @@ ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
 FINAL: Final = Round(2, 3)
 """Selection of one start among them."""
 
-LAST: Final = Limits(iterations=25, tolerance=1e-4)
+LAST: Final = Limits(iterations=25, tolerance=1e-5)
 """Steps of the best start on the loss itself."""
 
 APART: Final = Limits(iterations=8, tolerance=1e-3, largest_angle=0.2)
