@@ -62,8 +62,8 @@ def landmark_doubts(hands: FittedHands) -> dict[str, Reasons]:
             sigma > GREATEST_SIGMA,
             lambda hand: (
                 f"The landmarks' σ is {float(sigma[hand]):.0f} % of the hand's extent, expected below "
-                f"{GREATEST_SIGMA:.0f} %. If it is a detector's, the detector is unsure of this hand: look at "
-                "it. If it is the file's, check that the third values are confidences or σ in pixels, and no "
+                f"{GREATEST_SIGMA:.0f} %. If it is a detector's, the detector is unsure of this hand: look "
+                "at it. If it is the file's, check that the third values are confidences or σ in pixels, and no "
                 "depths."
             ),
         ),
