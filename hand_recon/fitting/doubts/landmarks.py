@@ -63,8 +63,8 @@ def landmark_doubts(hands: FittedHands) -> dict[str, Reasons]:
             lambda hand: (
                 f"The landmarks' σ is {float(sigma[hand]):.0f} % of the hand's extent, expected below "
                 f"{GREATEST_SIGMA:.0f} %. If it is a detector's, the detector is unsure of this hand: look "
-                "at it. If it is the file's, check that the third values are confidences or σ in pixels, and no "
-                "depths."
+                "at it. If it is the file's, check that the third values are confidences or σ in pixels, "
+                "not depths."
             ),
         ),
     }
