@@ -1,4 +1,4 @@
-"""Measure σ of MediaPipe's landmarks, and write the table of it that the detector reads (decision 72).
+"""Measure σ of MediaPipe's landmarks, and write the table of it that the detector reads (decision 68).
 
     python -m tools.measure_landmark_noise table <folder> --only rps digits --count 1600 --write
     python -m tools.measure_landmark_noise check <folder> --labels test.json --only rps digits --count 400

@@ -79,7 +79,7 @@ class BoxDetector(_SquareReader):
             min_presence: Least presence of a hand, 0 to 1.
             min_side: Least extent of a hand's landmarks, pixels.
             margin: Side of the first square, in longer sides of the box.
-            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 68).
             threads: Number of threads of the network.
             models: Folder of the models; none for the cache's.
 
@@ -156,7 +156,7 @@ class WholeImageDetector(_SquareReader):
             min_presence: Least presence of a hand, 0 to 1.
             min_side: Least extent of a hand's landmarks, pixels.
             margin: Side of the first square, in longer sides of the image.
-            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 68).
             threads: Number of threads of the network.
             models: Folder of the models; none for the cache's.
 

@@ -1,4 +1,4 @@
-"""Standard deviation σ of each of MediaPipe's landmarks, which come without a confidence (decision 72).
+"""Standard deviation σ of each of MediaPipe's landmarks, which come without a confidence (decision 68).
 
 Two sources, alone or together: a table of where transformed copies of crops disagree, as a function of one
 reading of a hand, and the disagreement of copies of the hand itself.
@@ -32,7 +32,7 @@ SPREAD_BOUNDS: Final = (0.002, 0.15)
 """Least and greatest spread, sides of the square: few copies may agree by chance."""
 
 SHARED_ERROR: Final = 3 / 224
-"""Standard deviation of an error that all readings share, sides of the square (decision 72)."""
+"""Standard deviation of an error that all readings share, sides of the square (decision 68)."""
 
 _OUTSIDE: Final = 0.02
 """Distance outside the image from which on a landmark counts as outside, sides."""

@@ -88,7 +88,7 @@ class MediaPipeDetector:
             padding: Side of the square in which palms are looked for, in longer sides of the image. More than
                 1 finds hands that fill the image, and misses small ones. `auto`: both 1 and 1.7, and the
                 better palm of those that overlap.
-            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 72).
+            copies: Number of transformed copies of a hand that are read for σ, 0 to 8 (decision 68).
             threads: Number of threads of each network.
             models: Folder of the models; none for the cache's.
 

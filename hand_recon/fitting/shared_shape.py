@@ -5,7 +5,7 @@ and place eliminated (the Schur complement, as in bundle adjustment). The shape 
 models and the prior on shape, which counts once. Then poses are fitted again with this shape, and the models
 are renewed. Hands that contradict the others, such as those with a wrong pose, get small weights; residuals
 larger than the data term expects make all of them say less; and many hands say no more than `MOST_HANDS`,
-because what the hand model cannot represent is the same in all of them (decision 73).
+because what the hand model cannot represent is the same in all of them (decision 69).
 """
 
 from dataclasses import dataclass, replace

@@ -139,7 +139,7 @@ def test_photographs_of_an_interrupted_command_keep_the_shape_of_all(
     folder = photo_folder.photo_folder(hand, tmp_path)
     words = ("same_person=true", "results.overlays=false")
     monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
-    real, stops = predict_run.fit_part, itertools.count()
+    real, stops = in_parts.fit_part, itertools.count()
 
     def interrupted(*given: Any) -> Any:  # noqa: ANN401
         if next(stops) == 1:

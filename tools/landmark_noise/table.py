@@ -51,7 +51,7 @@ def write_table(table: NoiseTable, path: Path, command: str) -> None:
         command: Command that made it, for the first lines.
     """
     lines = [
-        "# Spread of transformed copies of a hand's crop, for σ of each landmark (decision 72). Written by",
+        "# Spread of transformed copies of a hand's crop, for σ of each landmark (decision 68). Written by",
         f"#   {command}",
         "# and calibrated by",
         "#   python -m tools.measure_landmark_noise calibrate <clip>",
