@@ -69,7 +69,7 @@ def test_sigma_as_large_as_the_hand_is_no_sigma(hand: HandModel) -> None:
         found = judge(replace(hands, prediction=replace(hands.prediction, log_sigma=sigma)))
         assert [verdict.value for verdict in found] == [value] * COUNT
         if value == DOUBTFUL:
-            assert_all_say(found, "and no depths")
+            assert_all_say(found, "not depths")
 
 
 def test_few_landmarks_of_large_sigma_are_no_reason(hand: HandModel) -> None:
