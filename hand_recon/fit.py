@@ -2,7 +2,7 @@
 
 hand-recon fit hands.json --output outputs/my_hands
 hand-recon fit hands.json intrinsics=K.json prior=biomechanics
-hand-recon fit data=views +experiment=ablation_row4
+hand-recon fit data=views +experiment=ablation_row4 lifter=none descent.finger_table=false
 """
 
 from collections.abc import Sequence

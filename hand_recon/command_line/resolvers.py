@@ -24,8 +24,9 @@ def register_resolvers() -> None:
     )
     # Used by conf/recipe/lifter.yaml.
     OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
-    # Used by conf/fit.yaml and predict.yaml.
+    # Used by conf/fit.yaml, predict.yaml and descent.
     OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
+    OmegaConf.register_new_resolver("has_all_knowledge", has_all_knowledge, replace=True)
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:
@@ -36,9 +37,18 @@ def lifter_beside(prior: Mapping[str, Any]) -> str:
     Args:
         prior: A member of the group `prior`: settings of the terms by name, none for one that is left out.
     """
+    return "default" if has_all_knowledge(prior) else "none"
+
+
+def has_all_knowledge(prior: Mapping[str, Any]) -> bool:
+    """True if a prior has all of the paper's knowledge (Eq. 5).
+
+    Args:
+        prior: A member of the group `prior`: settings of the terms by name, none for one that is left out.
+    """
     ranges = prior.get("range_of_motion") or {}
     terms = (ranges, ranges.get("anatomy"), prior.get("non_penetration"), prior.get("shape"))
-    return "default" if all(terms) else "none"
+    return all(terms)
 
 
 def folder_name(overrides: str) -> str:

@@ -29,7 +29,7 @@ class FittedHands:
     scale: Float[Tensor, " hand"]
     """Pixels of the 224-pixel crop per pixel of the image."""
     has_sigma: bool = True
-    """True if the prediction's σ is an estimate; false if it is a placeholder."""
+    """True if the prediction's σ is its own; false if it is that of the landmarks, or a placeholder."""
     origins: tuple[Origin, ...] = ()
     """Origin of each hand; by default from landmarks without further information."""
 
@@ -57,6 +57,21 @@ class FittedHands:
         return self.observed.usable & numbers.isfinite().all(dim=1)
 
     @property
+    def sigma_2d(self) -> Float[Tensor, "hand landmark=21 2"]:
+        """σ of each coordinate as the fit used it, pixels of the image; NaN for hands without any.
+
+        A hand has σ if one of its landmarks was given with σ or a confidence, or if it is the prediction's.
+        """
+        sigma = self.prediction.log_sigma.exp()
+        if self.has_sigma:
+            return sigma
+        known = torch.zeros(len(self), dtype=torch.bool)
+        for given in (self.observed.sigma, self.observed.confidence):
+            if given is not None:
+                known |= (given.isfinite() & self.observed.labelled).any(dim=1)
+        return sigma.masked_fill(~known[:, None, None], torch.nan)
+
+    @property
     def distance(self) -> Float[Tensor, "hand landmark=21"]:
         """Distance of each projection to the given landmark, pixels of the image; NaN without one."""
         distance = (self.prediction.landmarks_2d - self.observed.landmarks_2d).norm(dim=-1)
@@ -81,7 +96,7 @@ def fitted_hands(
         prediction: Hands in the crops, all right hands, on any device: one for every observed hand, or one
             for every usable hand, in order.
         loss: Value of every term for the same hands.
-        has_sigma: True if the prediction's σ is an estimate.
+        has_sigma: True if the prediction's σ is its own.
         origins: Origin of each observed hand; none for landmarks without further information.
 
     Raises:

@@ -50,9 +50,8 @@ def fit_part(part: ImageLandmarks, fitter: Fitter, origins: tuple[Origin, ...] =
     """
     crops, usable = to_crops(part), part.usable
     found = fitter(crops.batch.select(usable))
-    # Without a loss, the hands are a lifter's predictions, whose σ is an estimate; a fit has the σ that the
-    # landmarks were given with, or a placeholder.
-    has_sigma = not found.loss or part.sigma is not None
+    # Without a loss, the hands are a lifter's predictions, with σ of its own; a fit has the given σ.
+    is_lifter = not found.loss
     return fitted_hands(
-        part, crops, found.prediction, found.loss, has_sigma=has_sigma, origins=origins
+        part, crops, found.prediction, found.loss, has_sigma=is_lifter, origins=origins
     )

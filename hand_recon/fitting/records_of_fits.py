@@ -20,9 +20,6 @@ def to_records(hands: FittedHands) -> HandRecords:
         kept = fitted.reshape(-1, *[1] * (values.ndim - 1))
         return values.double().masked_fill(~kept, torch.nan).numpy()
 
-    sigma = (
-        found.log_sigma.exp() if hands.has_sigma else torch.full_like(found.log_sigma, torch.nan)
-    )
     covariance = found.covariance_3d
     if covariance is None:
         covariance = torch.full((len(hands), 21, 3, 3), torch.nan)
@@ -39,7 +36,7 @@ def to_records(hands: FittedHands) -> HandRecords:
         landmarks_3d=numbers(found.landmarks_3d),
         landmarks_2d=numbers(found.landmarks_2d),
         observed_2d=given.double().numpy(),
-        sigma_2d=numbers(sigma),
+        sigma_2d=numbers(hands.sigma_2d),
         covariance_3d=numbers(covariance),
         joint_angles_degrees=numbers(parameters.joint_angles.rad2deg()),
         shape=numbers(parameters.shape),

@@ -228,20 +228,25 @@ def build_objective(config: DictConfig, hand: HandModel) -> Objective:
     return Objective(hand, build_prior(config.prior, hand), data_term)
 
 
-def fitter_of(config: DictConfig, hand: HandModel, landmarks: ImageLandmarks) -> Fitter:
+def fitter_of(
+    config: DictConfig, hand: HandModel, landmarks: ImageLandmarks, fitter: Fitter | None = None
+) -> Fitter:
     """Build the fit of some landmarks: that of any hands, or that of one person's (`same_person`).
 
     Args:
         config: `conf/fit.yaml` or `conf/predict.yaml` composed.
         hand: The hand to fit.
         landmarks: All hands; the shape of one person is estimated from them.
+        fitter: The fit of any hands, if it is built already.
 
     Raises:
         ValueError: As of `build_fitter` and `one_person_fitter`.
     """
+    fitter = fitter or build_fitter(config, hand)
     if not config.same_person:
-        return build_fitter(config, hand)
+        return fitter
     return one_person_fitter(
+        fitter,
         partial(build_fitter, config),
         build_objective(config, hand),
         instantiate(config.descent),
@@ -258,11 +263,17 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
         hand: The hand to fit.
 
     Raises:
-        ValueError: The data term needs correlations, which a fit cannot estimate.
+        ValueError: The data term needs correlations, which a fit cannot estimate; or no steps are asked for
+            without a lifter.
     """
     objective = build_objective(config, hand)
     descent = with_possible_solver(instantiate(config.descent), objective)
     further = None
+    if descent.steps == 0 and not names_lifter(config.lifter):
+        raise ValueError(
+            "Found descent.steps=0, which makes a lifter's prediction the result, and no lifter. Add "
+            "lifter=default or a lifter of your own, or leave descent.steps out."
+        )
     if names_lifter(config.lifter):
         regressor = load_named(config.lifter, hand)
         if descent.steps == 0:

@@ -80,7 +80,14 @@ def test_a_file_of_landmarks_becomes_a_folder_of_hands(
     for entry, source in zip(entries[:2], given, strict=False):
         for key, shape in shapes.items():
             assert np.shape(entry[key]) == shape, key
-        assert entry["sigma_2d"] is None  # A fit is told σ and finds none.
+        sigma = np.array(entry["sigma_2d"])  # That of the confidences, which are all the same.
+        pixels = np.array([p[:2] for p in source["landmarks"] if p is not None])
+        side = (
+            1.5 * np.ptp(pixels, axis=0).max()
+        )  # Of the crop; a confidence of 0.9 is σ = 5/3 px of 224.
+        given_sigma = 5.0 / 3.0 * side / 224
+        known = [p is not None for p in source["landmarks"]]
+        np.testing.assert_allclose(sigma[known], given_sigma, rtol=1e-4)
         assert entry["camera"]["source"] == "given"
         np.testing.assert_allclose(entry["camera"]["intrinsics"], CAMERA, atol=1e-3)
         points = np.array(entry["landmarks_3d"])
@@ -175,6 +182,31 @@ def test_given_sigma_is_in_the_result_and_is_read_again(hand: HandModel, tmp_pat
     np.testing.assert_allclose(results[2]["sigma_2d"], results[1]["sigma_2d"], rtol=1e-5)
     np.testing.assert_allclose(results[2]["landmarks_3d"], results[1]["landmarks_3d"], atol=1e-4)
     assert np.linalg.eigvalsh(results[1]["covariance_3d"]).min() > 0
+
+
+def test_sigma_of_a_confidence_is_read_again(landmarks: Path, tmp_path: Path) -> None:
+    """Fitted again with the σ that its confidences gave, a hand is the same."""
+    results = []
+    for path in (landmarks, tmp_path / "first" / "hands.json"):
+        folder = tmp_path / ("second" if results else "first")
+        fit(asked(folder, f"landmarks={path}", "third_value=confidence", "descent.starts=1"))
+        results.append(entries_of(folder))
+    first, second = results
+    assert [hand["sigma_2d"] is None for hand in first] == [False, False, True]
+    np.testing.assert_allclose(second[0]["sigma_2d"], first[0]["sigma_2d"], rtol=1e-5)
+    np.testing.assert_allclose(second[0]["landmarks_3d"], first[0]["landmarks_3d"], atol=1e-4)
+
+
+def test_a_hand_without_sigma_beside_one_with_has_none(hand: HandModel, tmp_path: Path) -> None:
+    points = seen(hand, 2)[0].tolist()
+    path = tmp_path / "mixed.json"
+    path.write_text(
+        json.dumps([{"landmarks": points[0], "sigma": [4.0] * 21}, {"landmarks": points[1]}])
+    )
+    fit(asked(tmp_path / "out", f"landmarks={path}", "descent.starts=1"))
+    sigma = [one["sigma_2d"] for one in entries_of(tmp_path / "out")]
+    np.testing.assert_allclose(sigma[0], 4.0, rtol=1e-5)
+    assert sigma[1] is None
 
 
 def test_a_folder_with_a_fit_in_it_is_not_written_to(landmarks: Path, tmp_path: Path) -> None:

@@ -38,6 +38,8 @@ def is_likelihood(term: DataTerm) -> bool:
     if type(term) is Staged:
         # Balanced against the prior, it is a multiple of one.
         return not term.keep_balance and is_likelihood((term.first, term.second)[term.stage])
+    if isinstance(term, NegativeLogLikelihood) and term.beta > 0:
+        return False
     return term.learns_sigma
 
 

@@ -122,6 +122,9 @@ class SecondOrder:
         hands = len(problem.target)
         count = len(several.damping) // max(hands, 1)
         result = Minimum.of(problem, Reached.at(problem, best.unknowns))
+        if count == 1:
+            # The one start was minimized to the result itself.
+            return mixed_covariance(result, result, count)
         others = Minimum.of(problem[_rows(hands, len(several.damping))], several)
         return mixed_covariance(result, others, count)
 

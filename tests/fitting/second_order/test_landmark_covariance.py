@@ -28,6 +28,7 @@ from hand_recon.fitting.second_order.levenberg_marquardt import Reached
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import COUNT, Unknowns
+from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.natural_pose import NaturalPoseTerm
 from hand_recon.knowledge.prior import Prior
@@ -192,6 +193,7 @@ def test_hidden_landmarks_are_less_certain(hand: HandModel) -> None:
         ("adam", "natural", NegativeLogLikelihood()),
         ("second_order", "none", NegativeLogLikelihood()),
         ("second_order", "natural", SquaredError()),
+        ("second_order", "natural", NegativeLogLikelihood(beta=0.5)),
         ("second_order", "natural",
          Staged(SquaredError(), NegativeLogLikelihood(), switch_at=0.5, keep_balance=True)),
     ],
@@ -227,3 +229,21 @@ def test_left_hands_mirror_right_ones(hand: HandModel) -> None:
     expected = covariance[0] * sign[:, None] * sign
     torch.testing.assert_close(covariance[1], expected, rtol=1e-3, atol=1e-8)
     assert float(covariance[0, :, 0, 2].abs().amax()) > 1e-6
+
+
+def test_one_start_is_one_minimum(hand: HandModel) -> None:
+    """With a single start, the covariance is that of the result alone: the start is no minimum."""
+    seen = observed(views(hand, known_hands(hand, 4)))
+    objective = Objective(hand, priors(hand)["natural"], NegativeLogLikelihood())
+    descent = Descent(starts=1, finger_table=False)
+    result = fit(seen, objective, descent=descent).prediction
+    problem = Problem.of(
+        LandmarkProjection(hand), PriorTerms(objective.prior), objective.data_term, seen
+    )
+    one = result.parameters
+    start = Start(one.joint_angles, one.root_rotation, one.translation, one.shape)
+    unknowns = Unknowns.of_start(start, seen.intrinsics)
+    alone = Minimum.of(problem, Reached.at(problem, unknowns))
+    expected = SCALE**2 * alone.covariance + MODEL_SIGMA**2 * torch.eye(3)
+    assert result.covariance_3d is not None
+    torch.testing.assert_close(result.covariance_3d, expected, rtol=2e-2, atol=1e-7)
