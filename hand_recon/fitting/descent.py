@@ -1,4 +1,4 @@
-"""Fit of hands to 2D landmarks: several starts on the training's loss, no network (Sec. 3.4)."""
+"""Fit of hands to 2D landmarks: minimizes the training's loss from several starts (Sec. 3.4)."""
 
 import copy
 import logging
@@ -147,15 +147,17 @@ def with_possible_solver(descent: Descent, objective: Objective) -> Descent:
 
     Args:
         descent: Settings of the optimizer.
-        objective: The loss.
+        objective: The loss; with a hand of one shape there is no note, since the model that it came from is
+            fitted first.
     """
     missing = _without_derivatives(objective)
     if descent.solver != "second_order" or not missing:
         return descent
-    logger.info(
-        "Fitting by Adam, which is slower: the second-order solver has no derivatives of %s.",
-        " and ".join(missing),
-    )
+    if not objective.hand.one_shape:
+        logger.info(
+            "Fitting by Adam, which is slower: the second-order solver has no derivatives of %s.",
+            " and ".join(missing),
+        )
     return replace(descent, solver="adam")
 
 

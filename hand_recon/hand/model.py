@@ -77,10 +77,13 @@ class HandModel(nn.Module):
         if landmark_set not in asset.landmark_regressors:
             raise ValueError(
                 f"The hand {asset.name!r} has no landmark set {landmark_set!r}; "
-                f"it has {sorted(asset.landmark_regressors)}. Choose one of these: data.landmark_set=<set>."
+                f"it has {sorted(asset.landmark_regressors)}. Choose one of these: landmark_set=<set> in fit "
+                "and predict, data.landmark_set=<set> in training."
             )
         self.name = asset.name
         self.landmark_set = landmark_set
+        # True for the copies of `of_shape`.
+        self.one_shape = False
         for name in ("template", "shape_directions", "joint_shape_directions", "skinning_weights",
                      "faces", "wrist_ring", "frames", "rest_angles", "pose_directions"):  # fmt: skip
             self.register_buffer(name, getattr(asset, name), persistent=False)
@@ -188,7 +191,7 @@ class HandModel(nn.Module):
             shape: Coefficients of the shape directions, standard deviations.
         """
         fixed = copy.deepcopy(self)
-        fixed.name = f"{self.name} of one shape"
+        fixed.one_shape = True
         moved = shape.to(self.template)
         fixed.template = self.template + self.shape_directions @ moved
         fixed.joints_template = self.joints_template + self.joint_shape_directions @ moved

@@ -56,15 +56,17 @@ def starts_of(regressor: Regressor, hand: HandModel) -> Callable[[Observation], 
 
     Args:
         regressor: The lifter.
-        hand: The hand that is fitted.
+        hand: The hand that is fitted; a copy of one shape has no note, since the model that it came from is
+            fitted first.
     """
     own = regressor.hand
     if not same_hand(regressor, hand):
-        logger.info(
-            "The lifter was made for the hand %s. Its joint angles and rotation start the fit of the hand "
-            "%s, its shape does not.",
-            own.name, hand.name,
-        )  # fmt: skip
+        if not hand.one_shape:
+            logger.info(
+                "The lifter was made for the hand %s. Its joint angles and rotation start the fit of the "
+                "hand %s, its shape does not.",
+                own.name, hand.name,
+            )  # fmt: skip
         return partial(carried_start, hand.landmarks_only(), regressor, with_shape=False)
     if own.landmark_set != hand.landmark_set:
         return partial(carried_start, hand.landmarks_only(), regressor, with_shape=True)

@@ -24,6 +24,7 @@ MOST: Final = 256
 
 
 def one_person_fitter(
+    fitter: Fitter,
     build: Callable[[HandModel], Fitter],
     objective: Objective,
     descent: Descent,
@@ -36,7 +37,8 @@ def one_person_fitter(
     Left hands mirror right ones and have the same shape.
 
     Args:
-        build: Builds the fit of a hand model.
+        fitter: Fit of the hand model, of any hands.
+        build: Builds the fit of a copy of the hand model that has one shape.
         objective: The loss of these fits, with the hand model.
         descent: Settings of the optimizer.
         landmarks: The hands of the person.
@@ -48,7 +50,6 @@ def one_person_fitter(
     Raises:
         ValueError: The hands are not fitted, but a lifter's predictions.
     """
-    fitter = build(objective.hand)
     some = _spread(landmarks)
     if len(some) < 2:
         return fitter

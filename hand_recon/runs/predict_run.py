@@ -147,7 +147,7 @@ class _Stages:
             # Also of photographs that are done: a person's shape is that of all hands.
             everything = list(self.looked_at())
             landmarks, _ = to_landmarks(everything, self.origin)
-            fitter = fitter_of(self.config, self.hand, landmarks)
+            fitter = fitter_of(self.config, self.hand, landmarks, fitter)
             looked = (one for one in everything if one.name not in done)
         for batch in _batches(looked):
             if not any(one.hands for one in batch):

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from hand_recon.runs.fit_run import fit
 from hand_recon.runs.predict_run import predict
 from tests.support import photo_folder
 from tests.support.configurations import composed
+from tests.support.mano_file import write_mano_folder
 from tests.support.photo_folder import CAMERA
 from tests.support.views import known_hands, views
 
@@ -160,3 +162,52 @@ def test_the_hands_of_a_dataset_are_not_one_persons(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"same_person=true with data=.*several people"):
         fit(asked(tmp_path / "out", "data=views", "same_person=true"))
     assert not (tmp_path / "out" / "config.yaml").exists()
+
+
+def notes(caplog: pytest.LogCaptureFixture) -> list[str]:
+    """Messages on the lifter's hand and on the solver."""
+    places = ("hand_recon.runs.lifters", "hand_recon.fitting.descent")
+    return [record.getMessage() for record in caplog.records if record.name in places]
+
+
+def test_the_lifters_own_hand_with_one_shape_is_not_taken_for_another_one(
+    hand: HandModel, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = photo_folder.photo_folder(hand, tmp_path)
+    words = ("lifter=default", "same_person=true")
+    with caplog.at_level(logging.INFO):
+        hand_recon.fit_landmarks(pixels(hand).numpy(), intrinsics=CAMERA, overrides=words)
+        with pytest.raises(ValueError, match="could not be processed"):
+            predict(photo_folder.asked(folder, *words, "results.overlays=false"))
+    assert "share a shape" in caplog.text
+    assert not notes(caplog)
+
+
+@pytest.mark.parametrize("command", ["fit", "predict"])
+def test_notes_on_another_hand_come_once(
+    hand: HandModel, tmp_path: Path, caplog: pytest.LogCaptureFixture, command: str
+) -> None:
+    """A hand in MANO's layout is not the lifter's, and is fitted by Adam."""
+    folder = photo_folder.photo_folder(hand, tmp_path)
+    mano = write_mano_folder(tmp_path / "mano")
+    words = (
+        "hand=mano",
+        f"hand.path='{mano}'",
+        "landmark_set=mano",
+        "lifter=default",
+        "same_person=true",
+    )
+    with caplog.at_level(logging.INFO):
+        if command == "fit":
+            hand_recon.fit_landmarks(
+                pixels(hand).numpy(), intrinsics=CAMERA, overrides=[*words, *photo_folder.QUICK]
+            )
+        else:
+            with pytest.raises(ValueError, match="could not be processed"):
+                predict(photo_folder.asked(folder, *words, "results.overlays=false"))
+    assert "share a shape" in caplog.text
+    solver, lifter = notes(caplog)
+    assert "The lifter was made for the hand open" in lifter
+    assert "fit of the hand mano, its shape does not" in lifter
+    assert solver.startswith("Fitting by Adam, which is slower")
+    assert "of the hand 'mano'." in solver

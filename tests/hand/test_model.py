@@ -258,3 +258,6 @@ def test_a_hand_of_one_shape_is_the_model_with_this_shape_whatever_its_coefficie
         assert_close(getattr(found, name), getattr(expected, name))
     # The model itself is not changed.
     assert not torch.allclose(found.joints[0], hand64(pose[0], 0 * shape).joints)
+    fixed = hand64.of_shape(shape)
+    assert (fixed.name, fixed.one_shape, hand64.one_shape) == ("open", True, False)
+    assert fixed.landmarks_only().one_shape
