@@ -18,6 +18,7 @@ from torch import Tensor
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import data_weights
+from hand_recon.fitting.second_order.laplace import SMALLEST
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import Limits, Reached, minimize
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
@@ -64,8 +65,12 @@ class ShapeModel:
     def of(cls, problem: Problem, unknowns: Unknowns) -> Self:
         """Eliminate pose and place from the loss at some hands.
 
+        Missing landmarks, or a prior without terms, can leave pose without curvature in some directions.
+        All of them are damped by `SMALLEST` of the hand's largest, so that such a direction explains
+        nothing of the shape.
+
         Args:
-            problem: The loss; its angles are centred, so that all of them have curvature.
+            problem: The loss.
             unknowns: The hands.
         """
         model, prior = problem(unknowns), problem.terms.smooth(unknowns)
@@ -84,7 +89,9 @@ class ShapeModel:
         matrix[:, _SHAPE, _SHAPE] = of_data[:, _SHAPE, _SHAPE]
         across, pose = matrix[:, _POSE, _SHAPE], matrix[:, _POSE, _POSE]
         right = torch.cat([gradient[:, _POSE, None], across, of_data[:, _POSE, _POSE]], dim=2)
-        solved = torch.linalg.solve(pose, right)
+        diagonal = pose.diagonal(dim1=1, dim2=2)
+        damping = SMALLEST * diagonal.amax(dim=1, keepdim=True).expand_as(diagonal)
+        solved = torch.linalg.solve(pose + torch.diag_embed(damping), right)
         used = solved[:, :, 11:].diagonal(dim1=1, dim2=2).sum(dim=1)
         share = 1 / _dispersion(problem, unknowns, used)
         eliminated = across.mT @ solved[:, :, :11]

@@ -144,10 +144,7 @@ def test_pose_and_place_are_eliminated_as_by_minimizing_over_them(
     hand64: HandModel, person: HandParameters, seen: Observation
 ) -> None:
     """The gradient by shape at the best pose is the change of the least loss, by finite differences."""
-    observation = Observation(
-        seen.landmarks_2d.double(), seen.labelled, seen.intrinsics.double(),
-        torch.ones(COUNT, 21, dtype=torch.float64),
-    )  # fmt: skip
+    observation = in_double_precision(seen)
     term = NegativeLogLikelihood()
     prior = Prior({"range_of_motion": RangeOfMotionTerm(hand64)}).double()
     terms = PriorTerms(prior, centred=True)
@@ -189,6 +186,79 @@ def test_many_hands_find_the_proportions_of_a_person(
     assert ratio_error(hand, shape, bones) < 0.5 * ratio_error(hand, torch.zeros(10), bones)
     each = torch.stack([ratio_error(hand, one, bones) for one in alone.shape])
     assert ratio_error(hand, shape, bones) < 0.8 * each.mean()
+
+
+FEW = [0, 1, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17]
+"""Landmarks without those of the thumb and the last ones of the ring and little finger: eight are missing."""
+
+
+def singular_priors(hand: HandModel) -> list[Prior]:
+    """Priors that leave pose without curvature: no term, and only ranges that do not bound the twist."""
+    ranges = RangeOfMotionTerm(hand, anatomy=FunctionalAnatomy(), twist=False)
+    return [NO_TERMS, Prior({"range_of_motion": ranges})]
+
+
+def in_double_precision(observation: Observation) -> Observation:
+    """The same landmarks, off by a pixel."""
+    return Observation(
+        observation.landmarks_2d.double(), observation.labelled, observation.intrinsics.double(),
+        torch.ones(COUNT, 21, dtype=torch.float64),
+    )  # fmt: skip
+
+
+def with_few_landmarks(observation: Observation, hands: list[int]) -> Observation:
+    labelled = observation.labelled.clone()
+    labelled[hands] = False
+    labelled[torch.tensor(hands)[:, None], FEW] = True
+    return replace(observation, labelled=labelled)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_landmarks_that_are_missing_take_information_away(
+    hand64: HandModel, person: HandParameters, seen: Observation, which: int
+) -> None:
+    """At the ground truth, where residuals are zero, a hand knows less of the shape with fewer landmarks."""
+    start = Start(
+        person.joint_angles.double(), person.root_rotation.double(), person.translation.double(),
+        person.shape.double(),
+    )  # fmt: skip
+    unknowns = Unknowns.of_start(start, seen.intrinsics.double())
+    terms = PriorTerms(singular_priors(hand64)[which].double(), centred=True)
+    projection = LandmarkProjection(hand64, terms.free())
+
+    def model(observation: Observation) -> ShapeModel:
+        problem = Problem.of(
+            projection, terms, NegativeLogLikelihood(), in_double_precision(observation)
+        )
+        return ShapeModel.of(problem, unknowns)
+
+    full, few = model(seen), model(with_few_landmarks(seen, [0, 3]))
+    # The data term divides by the share of landmarks that there are.
+    share = torch.ones(COUNT, 1, 1, dtype=torch.float64)
+    share[[0, 3]] = len(FEW) / 21
+    lost = torch.linalg.eigvalsh(full.curvature - share * few.curvature)
+    largest = full.curvature.diagonal(dim1=1, dim2=2).amax()
+    assert lost.min() > -1e-6 * largest
+    assert (lost.amax(dim=1) > 1e-3 * largest).nonzero().flatten().tolist() == [0, 3]
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_hands_with_missing_landmarks_leave_the_shape_to_the_others(
+    hand: HandModel, person: HandParameters, seen: Observation, which: int
+) -> None:
+    """Two of twelve hands have 13 landmarks; with all landmarks with all landmarks or some, the person is found."""
+    objective = Objective(hand, singular_priors(hand)[which], SquaredError())
+    shapes = [
+        shared_shape(observation, person, objective)
+        for observation in (seen, with_few_landmarks(seen, [2, 7]))
+    ]
+    bones = hand(hand.neutral_angles(), person.shape[0]).landmarks
+    mean = ratio_error(hand, torch.zeros(10), bones)
+    for shape in shapes:
+        assert shape.isfinite().all()
+        assert ratio_error(hand, shape, bones) < 0.8 * mean
+    every = with_few_landmarks(seen, list(range(COUNT)))
+    assert shared_shape(every, person, objective).isfinite().all()
 
 
 def ratio_error(hand: HandModel, shape: Tensor, landmarks: Tensor) -> Tensor:
