@@ -246,7 +246,7 @@ def test_landmarks_that_are_missing_take_information_away(
 def test_hands_with_missing_landmarks_leave_the_shape_to_the_others(
     hand: HandModel, person: HandParameters, seen: Observation, which: int
 ) -> None:
-    """Two of twelve hands have 13 landmarks; with all landmarks with all landmarks or some, the person is found."""
+    """With all landmarks of twelve hands, or 13 of two of them, the person's proportions are found."""
     objective = Objective(hand, singular_priors(hand)[which], SquaredError())
     shapes = [
         shared_shape(observation, person, objective)
