@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from depth.methods import TABLE_1
 from hand_recon.camera import default_intrinsics, project
 from hand_recon.command_line.configuration_files import CONF
 from hand_recon.fitting.lift import lifted_start
@@ -84,10 +85,12 @@ def test_the_packaged_lifter_is_the_default_beside_all_knowledge_alone() -> None
         assert composed("prior=none", "lifter=default", *more, name=name).lifter == "default"
 
 
-def test_the_rows_of_table_1_by_fitting_use_no_lifter() -> None:
+def test_the_rows_of_table_1_by_fitting_use_neither_lifter_nor_table_of_fingers() -> None:
     lines = (ROOT / "Makefile").read_text().splitlines()
     (line,) = (line for line in lines if "hand_recon.fit -m" in line and "+experiment" in line)
-    assert " lifter=none " in line
+    for override in ("lifter=none", "descent.finger_table=false"):
+        assert f" {override} " in line
+        assert all(override in row for row in TABLE_1.values())
 
 
 @pytest.mark.parametrize(
