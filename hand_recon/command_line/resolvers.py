@@ -27,6 +27,8 @@ def register_resolvers() -> None:
     # Used by conf/fit.yaml, predict.yaml and descent.
     OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
     OmegaConf.register_new_resolver("has_all_knowledge", has_all_knowledge, replace=True)
+    # Used by conf/fit.yaml and predict.yaml.
+    OmegaConf.register_new_resolver("landmarks_beside", landmarks_beside, replace=True)
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:
@@ -38,6 +40,15 @@ def lifter_beside(prior: Mapping[str, Any]) -> str:
         prior: A member of the group `prior`: settings of the terms by name, none for one that is left out.
     """
     return "default" if has_all_knowledge(prior) else "none"
+
+
+def landmarks_beside(target: str) -> str:
+    """Default of `landmark_set` beside a hand: `mediapipe`, or `mano` for MANO, which has no other landmarks.
+
+    Args:
+        target: `_target_` of a member of the group `hand`.
+    """
+    return "mano" if target == MANO_HAND else "mediapipe"
 
 
 def has_all_knowledge(prior: Mapping[str, Any]) -> bool:

@@ -78,7 +78,7 @@ class HandModel(nn.Module):
             raise ValueError(
                 f"The hand {asset.name!r} has no landmark set {landmark_set!r}; "
                 f"it has {sorted(asset.landmark_regressors)}. Choose one of these: landmark_set=<set> in fit "
-                "and predict, data.landmark_set=<set> in training."
+                "and predict, data.landmark_set=<set> in training and beside data=<dataset>."
             )
         self.name = asset.name
         self.landmark_set = landmark_set

@@ -193,7 +193,6 @@ def test_notes_on_another_hand_come_once(
     words = (
         "hand=mano",
         f"hand.path='{mano}'",
-        "landmark_set=mano",
         "lifter=default",
         "same_person=true",
     )

@@ -166,7 +166,8 @@ def test_gradients_match_finite_differences(hand64: HandModel) -> None:
 
 
 def test_an_unknown_landmark_set_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=r"no landmark set 'coco'.*knuckle.*mano"):
+    cure = r"landmark_set=<set> in fit and predict, data\.landmark_set=<set> in training"
+    with pytest.raises(ValueError, match=rf"no landmark set 'coco'.*knuckle.*mano.*: {cure}"):
         HandModel(load_open_hand(), "coco")
 
 
