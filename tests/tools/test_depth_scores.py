@@ -184,35 +184,106 @@ def test_the_worst_hands_are_drawn_first(scored: list[Scored]) -> None:
     assert (np.ptp(drawn.astype(int), axis=2) > 60).sum() > 500
 
 
-def test_gaussian_errors_are_covered_as_a_gaussians_are(
-    hands: DepthSet, scored: list[Scored]
-) -> None:
-    """Errors drawn from covariances that differ by landmark, about a hand of another size."""
+@pytest.fixture
+def gaussian(hands: DepthSet, scored: list[Scored]) -> Scored:
+    """Errors drawn from covariances that differ by landmark, about one hand; the origin is exact."""
     count = 400
+    first = torch.zeros(count, dtype=torch.long)
     sigma = 0.001 * torch.linspace(1, 4, 21, dtype=torch.float64)
     noise = sigma[:, None] * torch.randn(count, 21, 3, dtype=torch.float64)
     truth = hands.ground_truth[:1].expand(count, 21, 3)
-    prediction = scored[0].run.parts[0].prediction.select(torch.zeros(count, dtype=torch.long))
+    prediction = scored[0].run.parts[0].prediction.select(first)
     covariance = torch.diag_embed(sigma.square()[:, None].expand(21, 3)).expand(count, 21, 3, 3)
     part = replace(
         scored[0].run.parts[0],
-        observed=hands.landmarks.select(torch.zeros(count, dtype=torch.long)),
+        observed=hands.landmarks.select(first),
         prediction=replace(
-            prediction, landmarks_3d=2 * (truth + noise), covariance_3d=4 * covariance
+            prediction,
+            landmarks_3d=truth + noise,
+            covariance_3d=covariance,
+            parameters=replace(prediction.parameters, translation=truth[:, 9].float()),
         ),
         origins=(),
     )
     names = tuple(str(number) for number in range(count))
     many = replace(hands.select([0] * count), groups=names)
-    found = Coverage.of(replace(scored[0], hands=many, run=replace(scored[0].run, parts=(part,))))
+    return replace(scored[0], hands=many, run=replace(scored[0].run, parts=(part,)))
+
+
+def resized(scored: Scored, scale: float) -> Scored:
+    """The same fits of hands of another size and distance."""
+    (part,) = scored.run.parts
+    prediction = part.prediction
+    assert prediction.covariance_3d is not None
+    parameters = prediction.parameters
+    part = replace(
+        part,
+        prediction=replace(
+            prediction,
+            landmarks_3d=scale * prediction.landmarks_3d,
+            covariance_3d=scale**2 * prediction.covariance_3d,
+            parameters=replace(parameters, translation=scale * parameters.translation),
+        ),
+    )
+    return replace(scored, run=replace(scored.run, parts=(part,)))
+
+
+def test_gaussian_errors_are_covered_as_a_gaussians_are(gaussian: Scored) -> None:
+    found = Coverage.of(resized(gaussian, 2.0))
     assert found is not None
     # The translation takes a share of the errors of 21 landmarks.
     assert [share.value for share in found.within] == pytest.approx([50, 90, 95], abs=5)
     # Of |e| with e ~ N(0, σ²): the larger half of the σ has most of the larger errors.
     assert 0.5 < found.rank_correlation < 0.9
+
+
+def test_positions_from_the_origin_are_neither_scaled_nor_centred(gaussian: Scored) -> None:
+    found = Coverage.of(gaussian, aligned=False)
+    assert found is not None
+    # 8,000 errors: a standard error of half a percent of them.
+    assert [share.value for share in found.within] == pytest.approx([50, 90, 95], abs=2.5)
+    # A hand of another size has errors that an alignment hides: a tenth of several centimetres.
+    larger = resized(gaussian, 1.1)
+    from_origin, aligned = (Coverage.of(larger, aligned=value) for value in (False, True))
+    assert from_origin is not None
+    assert aligned is not None
+    assert from_origin.within[1].value < 60 < 80 < aligned.within[1].value
+
+
+def test_the_ground_truths_origin_is_no_error(gaussian: Scored) -> None:
+    """The middle MCP is left out: with a covariance of nothing it changes no share."""
+    (part,) = gaussian.run.parts
+    covariance = part.prediction.covariance_3d
+    assert covariance is not None
+    without = covariance.clone()
+    without[:, 9] = 1e-12 * torch.eye(3, dtype=torch.float64)
+    other = replace(part, prediction=replace(part.prediction, covariance_3d=without))
+    runs = [
+        replace(gaussian, run=replace(gaussian.run, parts=(each,)))
+        for each in (part, other)
+    ]  # fmt: skip
+    assert Coverage.of(runs[0], aligned=False) == Coverage.of(runs[1], aligned=False)
+    assert Coverage.of(runs[0]) != Coverage.of(runs[1])
+
+
+def test_the_table_of_coverage_has_both_quantities(gaussian: Scored) -> None:
+    lines = markdown_coverage([gaussian]).splitlines()
+    assert len(lines) == 3
+    assert len({line.count("|") for line in lines}) == 1
+    cells = [cell.strip() for cell in lines[2].split("|")[1:-1]]
+    for place, aligned in ((2, True), (5, False)):
+        coverage = Coverage.of(gaussian, aligned=aligned)
+        assert coverage is not None
+        for cell, share in zip(cells[place : place + 3], coverage.within, strict=True):
+            assert cell.startswith(f"{share.value:.0f} (")
+
+
+def test_a_fit_without_covariances_has_no_coverage(gaussian: Scored) -> None:
+    (part,) = gaussian.run.parts
     none = replace(part, prediction=replace(part.prediction, covariance_3d=None))
-    without = replace(scored[0], run=replace(scored[0].run, parts=(none,)))
-    assert Coverage.of(without) is None
+    without = replace(gaussian, run=replace(gaussian.run, parts=(none,)))
+    for aligned in (True, False):
+        assert Coverage.of(without, aligned=aligned) is None
     assert not markdown_coverage([without])
 
 
