@@ -25,6 +25,9 @@ SHIPPED: Final = Path(__file__).parent / "assets" / "lifter.safetensors"
 FORMAT: Final = "hand_recon lifter 1"
 """Name and version of the format, in the header."""
 
+ENTRIES: Final = ("settings", "hand", "landmark_set", "weights")
+"""Further entries that every header has."""
+
 
 @dataclass(frozen=True)
 class LifterSettings:
@@ -128,7 +131,8 @@ def load_lifter(path: Path, hands: Callable[[str, str], HandModel | None]) -> Re
             f"{path} was made for the hand {header['hand']!r}, which is not here: its angles and shapes mean "
             "nothing for another hand. Use lifter=default, or a lifter that was trained for this hand."
         )
-    regressor = settings.build(hand)
+    regressor = _network(path, settings, hand)
+    _check_weights(path, weights, regressor.state_dict())
     regressor.load_state_dict({name: tensor.float() for name, tensor in weights.items()})
     return regressor.eval()
 
@@ -140,7 +144,11 @@ def lifter_header(path: Path) -> dict[str, str]:
 
 def _settings(path: Path, written: str) -> LifterSettings:
     """Settings from a header: numbers and switches of the known names, nothing else."""
-    found, known = json.loads(written), asdict(LifterSettings())
+    known = asdict(LifterSettings())
+    try:
+        found = json.loads(written)
+    except ValueError:
+        found = None
     kinds = {name: type(value) for name, value in found.items()} if isinstance(found, dict) else {}
     expected = {name: type(value) for name, value in known.items()}
     if kinds != expected:
@@ -151,11 +159,35 @@ def _settings(path: Path, written: str) -> LifterSettings:
     return LifterSettings(**found)
 
 
+def _network(path: Path, settings: LifterSettings, hand: HandModel) -> Regressor:
+    """Network of some settings; ValueError if there is none, such as one of width 0."""
+    if min(settings.width, settings.iterations) < 1 or settings.depth < 0:
+        raise ValueError(
+            f"{path} has the settings {json.dumps(asdict(settings))}; expected a width and a number of "
+            "iterations of 1 or more, and a depth of 0 or more. Make the file again with "
+            "`make shipped-lifter`, or use lifter=default."
+        )
+    return settings.build(hand)
+
+
+def _check_weights(path: Path, found: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+    """Check that weights are those of a network with the header's settings."""
+    shapes = {name: tuple(tensor.shape) for name, tensor in found.items()}
+    wanted = {name: tuple(tensor.shape) for name, tensor in expected.items()}
+    if shapes != wanted:
+        name = min(name for name in {*shapes, *wanted} if shapes.get(name) != wanted.get(name))
+        raise ValueError(
+            f"{path} has weights of another network than its settings describe: {name} has the shape "
+            f"{shapes.get(name)}; expected {wanted.get(name)} (None: there is none). Make the file again "
+            "with `make shipped-lifter`, or use lifter=default."
+        )
+
+
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
     if not path.is_file():
         raise FileNotFoundError(
-            f"No lifter at {path}. Give a safetensors file of `make shipped-lifter`, a run's folder, or "
-            "lifter=none."
+            f"No lifter at {path}. Give lifter=default (that of the package), lifter=none, a safetensors "
+            "file of `make shipped-lifter`, or a run's folder."
         )
     try:
         with safe_open(path, framework="pt") as file:
@@ -169,6 +201,12 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
         raise ValueError(
             f"{path} has the format {header.get('format')!r}; expected {FORMAT!r}, as `make shipped-lifter` "
             "writes it."
+        )
+    missing = [name for name in ENTRIES if name not in header]
+    if missing:
+        raise ValueError(
+            f"{path} has no {', '.join(missing)} in its header; expected {', '.join(ENTRIES)}, as `make "
+            "shipped-lifter` writes them. Make it again, or use lifter=default."
         )
     found = weights_digest(weights)
     if found != header["weights"]:

@@ -20,7 +20,7 @@ DEFAULT: Final = "default"
 """Name of the lifter of the package."""
 
 NO_LIFTER: Final = (None, "none", "null", "")
-"""Values of `lifter` that mean none."""
+"""Values of `lifter` that mean none, in any case."""
 
 SUFFIX: Final = ".safetensors"
 """Ending of a lifter's file; everything else is a run's folder or a checkpoint."""
@@ -28,7 +28,7 @@ SUFFIX: Final = ".safetensors"
 
 def names_lifter(name: str | None) -> bool:
     """True if a value of `lifter` names one."""
-    return name not in NO_LIFTER
+    return name is not None and name.lower() not in NO_LIFTER
 
 
 def load_named(name: str, hand: HandModel) -> Regressor:
@@ -45,6 +45,11 @@ def load_named(name: str, hand: HandModel) -> Regressor:
     path = SHIPPED if name == DEFAULT else Path(name).expanduser()
     if path.suffix == SUFFIX:
         return load_lifter(path, partial(_hand_of, hand))
+    if not path.exists():
+        raise FileNotFoundError(
+            f"Found lifter={name}, which is no name of a lifter, and no such file. Give lifter=default (that "
+            "of the package), none, a .safetensors file, a run's folder or a checkpoint."
+        )
     # Checkpoints need Lightning, which takes seconds to import.
     from hand_recon.runs.checkpoints import load_trained
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -43,7 +44,7 @@ def file(lifter: Regressor, tmp_path: Path) -> Path:
 
 
 def rewritten(
-    file: Path, change: Callable[[dict[str, str], dict[str, torch.Tensor]], None]
+    file: Path, change: Callable[[dict[str, str], dict[str, torch.Tensor]], object]
 ) -> Path:
     """The file with its header or its weights changed."""
     with safe_open(file, framework="pt") as opened:
@@ -102,6 +103,47 @@ def test_settings_are_the_known_numbers_and_nothing_else(
 ) -> None:
     changed = rewritten(file, lambda header, _: header.update(settings=json.dumps(settings)))
     with pytest.raises(ValueError, match="another version of hand_recon"):
+        load_lifter(changed, lambda *_: hand)
+
+
+def test_settings_that_are_no_json_are_refused(hand: HandModel, file: Path) -> None:
+    changed = rewritten(file, lambda header, _: header.update(settings="{"))
+    with pytest.raises(ValueError, match=r"has the settings \{; expected .*another version"):
+        load_lifter(changed, lambda *_: hand)
+
+
+@pytest.mark.parametrize("changes", [{"width": 0}, {"width": -3}, {"depth": -1}, {"iterations": 0}])
+def test_settings_of_no_network_are_refused(
+    hand: HandModel, file: Path, changes: dict[str, int]
+) -> None:
+    settings = json.dumps({**vars(SETTINGS), **changes})
+    changed = rewritten(file, lambda header, _: header.update(settings=settings))
+    with pytest.raises(ValueError, match=r"expected a width .*lifter=default"):
+        load_lifter(changed, lambda *_: hand)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"width": 32}, r"has the shape \(.*24.*\); expected \(.*32.*\)"),
+        ({"depth": 0}, r"encoder\.blocks\.0\.1\.bias has the shape \(24,\); expected None"),
+        ({"depth": 2}, r"encoder\.blocks\.1\.1\.bias has the shape None; expected \(24,\)"),
+        ({"reprojection": False}, "has the shape"),
+    ],
+)
+def test_settings_of_another_network_are_refused(
+    hand: HandModel, file: Path, changes: dict[str, Any], said: str
+) -> None:
+    settings = json.dumps({**vars(SETTINGS), **changes})
+    changed = rewritten(file, lambda header, _: header.update(settings=settings))
+    with pytest.raises(ValueError, match=rf"weights of another network .*{said}.*lifter=default"):
+        load_lifter(changed, lambda *_: hand)
+
+
+@pytest.mark.parametrize("entry", ["settings", "hand", "landmark_set", "weights"])
+def test_a_header_without_an_entry_is_refused(hand: HandModel, file: Path, entry: str) -> None:
+    changed = rewritten(file, lambda header, _: header.pop(entry))
+    with pytest.raises(ValueError, match=rf"has no {entry} in its header; .*lifter=default"):
         load_lifter(changed, lambda *_: hand)
 
 

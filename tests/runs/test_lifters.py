@@ -70,7 +70,7 @@ def test_the_packaged_lifter_is_small_and_described_by_its_card(hand: HandModel)
 
 
 def test_values_that_mean_no_lifter() -> None:
-    assert not any(map(names_lifter, (None, "none", "null", "")))
+    assert not any(map(names_lifter, (None, "none", "null", "", "None", "NONE", "Null")))
     assert all(map(names_lifter, ("default", "run", "own.safetensors")))
 
 
@@ -177,6 +177,19 @@ def test_a_file_of_ones_own_is_a_lifter(hand: HandModel, tmp_path: Path) -> None
 def test_a_folder_without_a_checkpoint_is_no_lifter(hand: HandModel, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="No checkpoint at"):
         load_named(str(tmp_path), hand)
+
+
+@pytest.mark.parametrize(
+    "name", ["defalut", "Default", "outputs/no run", "no.ckpt", "no.safetensors"]
+)
+def test_a_name_of_nothing_is_answered_with_those_that_there_are(
+    hand: HandModel, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        FileNotFoundError, match=rf"{name}.* Give lifter=default.*none.*safetensors"
+    ):
+        load_named(name, hand)
 
 
 def test_missing_landmarks_and_cameras_move_the_start_with_them(packaged: HandModel) -> None:
