@@ -68,11 +68,25 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
     if changed:
         raise FileExistsError(
             f"{folder} holds unfinished results of a command with other {', '.join(changed)}, and "
-            "nothing is overwritten. Files are other ones when they were changed. Repeat that command to "
-            "complete the results, or name another folder with output=…."
+            f"nothing is overwritten. {_cure(before, settings)}"
         )
     logger.info("%s holds unfinished results of this command, which goes on there.", folder)
     return True
+
+
+def _cure(before: dict[str, Any], settings: dict[str, Any]) -> str:
+    """Sentences on what to do about results that cannot be completed by this command."""
+    if before.get("version") != settings.get("version"):
+        return (
+            f"They are of version {before.get('version', 'unknown')} of hand_recon, and this is version "
+            f"{settings.get('version')}, whose options and numbers may be others: name another folder with "
+            "output=…, or complete them with that version."
+        )
+    return (
+        "Files are other ones when they were changed; options that were not given are other ones where "
+        "another state of hand_recon has other defaults. Name another folder with output=…, or repeat that "
+        "command to complete the results."
+    )
 
 
 def results_folder(config: DictConfig) -> Path:

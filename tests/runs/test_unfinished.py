@@ -45,6 +45,28 @@ def test_unfinished_results_of_other_settings_are_not_touched(
     assert (tmp_path / MARK).read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "more", [{}, {"options": {"camera": "auto", "steps": [1, 2], "new": True}}]
+)
+def test_results_of_another_version_are_not_blamed_on_the_command(
+    tmp_path: Path, more: dict[str, object]
+) -> None:
+    claim_or_resume(tmp_path, ["hands.json"], SETTINGS | {"version": "0.4.0"})
+    with pytest.raises(FileExistsError) as refused:
+        claim_or_resume(tmp_path, ["hands.json"], SETTINGS | {"version": "0.5.0"} | more)
+    said = str(refused.value)
+    assert "of version 0.4.0 of hand_recon, and this is version 0.5.0" in said
+    assert "name another folder with output=…, or complete them with that version." in said
+    assert "epeat that command" not in said
+
+
+def test_other_options_of_one_version_may_be_new_defaults(tmp_path: Path) -> None:
+    claim_or_resume(tmp_path, ["hands.json"], SETTINGS | {"version": "0.5.0"})
+    changed = {"options": {"camera": "auto", "steps": [1, 2], "new": True}, "version": "0.5.0"}
+    with pytest.raises(FileExistsError, match=r"other defaults\. Name another folder with output="):
+        claim_or_resume(tmp_path, ["hands.json"], SETTINGS | changed)
+
+
 @pytest.mark.parametrize("damaged", ["", "[1]", '{"options":'])
 def test_a_damaged_mark_is_said(tmp_path: Path, damaged: str) -> None:
     (tmp_path / MARK).write_text(damaged)
