@@ -1,10 +1,12 @@
 """Landmark sets moved by offsets that are fixed to the bones."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
 
+from hand_recon.command_line.configuration_files import CONF
 from hand_recon.hand.anatomical_frame import joint_rotations
 from hand_recon.hand.landmark_offsets import carrying_joints, with_offsets
 from hand_recon.hand.model import HandAsset, HandModel
@@ -86,3 +88,12 @@ def test_the_detectors_landmarks_differ_as_people_say(asset: HandAsset) -> None:
     assert 0.001 < float(size.mean()) < 0.006
     assert float(size.amax()) < 0.015
     assert float(size[[4, 8, 12, 16, 20]].mean()) < 0.005
+
+
+def test_the_document_has_the_range_of_the_detectors_offsets() -> None:
+    """At the mean shape, from the landmarks of the hand model itself."""
+    angles, shape = torch.zeros(15, 3), torch.zeros(10)
+    knuckle, mediapipe = (open_hand(name)(angles, shape) for name in ("knuckle", "mediapipe"))
+    found = 1000 * (mediapipe.landmarks - knuckle.landmarks).norm(dim=-1)
+    document = (Path(CONF).parent / "docs" / "open_hand.md").read_text(encoding="utf-8")
+    assert f"of {found.min():.1f} to {found.max():.1f} mm" in document
