@@ -180,7 +180,7 @@ def test_a_folder_without_a_checkpoint_is_no_lifter(hand: HandModel, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "name", ["defalut", "Default", "outputs/no run", "no.ckpt", "no.safetensors"]
+    "name", ["defaults", "Default", "outputs/no run", "no.ckpt", "no.safetensors"]
 )
 def test_a_name_of_nothing_is_answered_with_those_that_there_are(
     hand: HandModel, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
