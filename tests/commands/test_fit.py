@@ -186,7 +186,7 @@ def test_given_sigma_is_in_the_result_and_is_read_again(hand: HandModel, tmp_pat
 
 def test_sigma_of_a_confidence_is_read_again(landmarks: Path, tmp_path: Path) -> None:
     """Fitted again with the σ that its confidences gave, a hand is the same."""
-    results = []
+    results: list[list[dict[str, Any]]] = []
     for path in (landmarks, tmp_path / "first" / "hands.json"):
         folder = tmp_path / ("second" if results else "first")
         fit(asked(folder, f"landmarks={path}", "third_value=confidence", "descent.starts=1"))

@@ -210,7 +210,8 @@ def test_what_fit_can_be_told_composes() -> None:
         for prior in (path.stem for path in (Path(CONF) / "prior").glob("*.yaml")):
             chosen = [f"prior={prior}", *([] if data is None else [f"data={data}"])]
             config = composed(*chosen, name="fit")
-            assert instantiate(config.descent) == Descent()
+            knows = prior in ("full", "natural")
+            assert instantiate(config.descent) == Descent(finger_table=knows)
             assert instantiate(config.results) == ResultOptions()
             assert (config.get("data") is None) == (data is None)
 
