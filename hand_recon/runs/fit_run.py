@@ -30,7 +30,13 @@ from hand_recon.runs.configuration import (
     instantiate,
     plain,
 )
-from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
+from hand_recon.runs.lifters import (
+    check_result,
+    lifter_path,
+    load_named,
+    names_lifter,
+    starts_of,
+)
 from hand_recon.runs.one_person import one_person_fitter
 from hand_recon.runs.unfinished import (
     claim_or_resume,
@@ -69,6 +75,9 @@ def fit(config: DictConfig) -> dict[str, Any]:
     settings = settings_of(config, ("intrinsics", "lifter", "hand.path"))
     settings["landmarks"] = _states(config.landmarks)
     options = instantiate(config.results)
+    if names_lifter(config.lifter):
+        # Before the folder is claimed, so that the corrected command can have it.
+        lifter_path(config.lifter)
     goes_on = claim_or_resume(folder, (*PRODUCTS, "config.yaml"), settings)
     landmarks = read_landmarks(
         config.landmarks,

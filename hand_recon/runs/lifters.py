@@ -31,6 +31,24 @@ def names_lifter(name: str | None) -> bool:
     return name is not None and name.lower() not in NO_LIFTER
 
 
+def lifter_path(name: str) -> Path:
+    """File or folder that a lifter's name stands for.
+
+    Args:
+        name: `default`, a safetensors file, a run's folder or a checkpoint.
+
+    Raises:
+        FileNotFoundError: There is none.
+    """
+    path = SHIPPED if name == DEFAULT else Path(name).expanduser()
+    if not path.exists():
+        raise FileNotFoundError(
+            f"Found lifter={name}, which is no name of a lifter, and no such file. Give lifter=default (that "
+            "of the package), none, a .safetensors file, a run's folder or a checkpoint."
+        )
+    return path
+
+
 def load_named(name: str, hand: HandModel) -> Regressor:
     """Load a lifter with its own hand.
 
@@ -42,14 +60,9 @@ def load_named(name: str, hand: HandModel) -> Regressor:
         FileNotFoundError: There is no such file.
         ValueError: The file is no lifter, is damaged, or was made for a hand that is not here.
     """
-    path = SHIPPED if name == DEFAULT else Path(name).expanduser()
+    path = lifter_path(name)
     if path.suffix == SUFFIX:
         return load_lifter(path, partial(_hand_of, hand))
-    if not path.exists():
-        raise FileNotFoundError(
-            f"Found lifter={name}, which is no name of a lifter, and no such file. Give lifter=default (that "
-            "of the package), none, a .safetensors file, a run's folder or a checkpoint."
-        )
     # Checkpoints need Lightning, which takes seconds to import.
     from hand_recon.runs.checkpoints import load_trained
 

@@ -225,6 +225,13 @@ def test_what_is_to_be_fitted_must_be_said_once(landmarks: Path, tmp_path: Path)
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_is_free_after_a_misspelt_lifter(landmarks: Path, tmp_path: Path) -> None:
+    for name in ("defaults", "mine.safetensors"):
+        with pytest.raises(FileNotFoundError, match=r"Found lifter=.*Give lifter=default"):
+            fit(asked(tmp_path / "out", f"landmarks={landmarks}", f"lifter={name}"))
+        assert not (tmp_path / "out").exists()
+
+
 def test_correlations_are_not_to_be_had(landmarks: Path, tmp_path: Path) -> None:
     config = asked(tmp_path / "out", f"landmarks={landmarks}", "data_term=full_covariance")
     with pytest.raises(ValueError, match=r"cannot estimate correlations.*mse_then_nll"):
