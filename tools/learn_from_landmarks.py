@@ -151,8 +151,7 @@ class Learner:
             terms["natural_pose"] = PoseDistanceTerm(hand, weight=0.5, distance=distance)
         prior, data_term = Prior(terms), NegativeLogLikelihood()
         found = fit(self.observation, Objective(hand, prior, data_term), descent=Descent())
-        one = found.prediction.parameters
-        start = Start(one.joint_angles, one.root_rotation, one.translation, one.shape)
+        start = Start.of(found.prediction.parameters)
         unknowns = Unknowns.of_start(start, self.observation.intrinsics)
         projection = LandmarkProjection(hand)
         problem = Problem.of(projection, PriorTerms(prior), data_term, self.observation)

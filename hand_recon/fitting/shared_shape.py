@@ -18,7 +18,7 @@ from torch import Tensor
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import data_weights
-from hand_recon.fitting.second_order.laplace import SMALLEST
+from hand_recon.fitting.second_order.laplace import curvature_of, damped
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import Limits, Reached, minimize
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
@@ -66,8 +66,7 @@ class ShapeModel:
         """Eliminate pose and place from the loss at some hands.
 
         Missing landmarks, or a prior without terms, can leave pose without curvature in some directions.
-        All of them are damped by `SMALLEST` of the hand's largest, so that such a direction explains
-        nothing of the shape.
+        All of them are `damped`, so that such a direction explains nothing of the shape.
 
         Args:
             problem: The loss.
@@ -75,23 +74,19 @@ class ShapeModel:
         """
         model, prior = problem(unknowns), problem.terms.smooth(unknowns)
         free = model.free
-        gradient, matrix = model.gradient.double(), model.curvature.double()
+        gradient, matrix = model.gradient.double(), curvature_of(model).double()
         smooth = torch.diag_embed(prior.diagonal[:, free]).double()
         if prior.matrix is not None:
             smooth = smooth + prior.matrix[free][:, free]
-        of_data = matrix - smooth
+        of_data = model.curvature.double() - smooth
         if model.hinge is not None:
-            slope, curvature = model.hinge.expanded(model.hinge.angles)
-            count = slope.shape[1]
-            gradient[:, :count] += slope
-            matrix.diagonal(dim1=1, dim2=2)[:, :count] += curvature
+            slope, _ = model.hinge.expanded(model.hinge.angles)
+            gradient[:, : slope.shape[1]] += slope
         gradient[:, _SHAPE] -= prior.gradient[:, SHAPE]
         matrix[:, _SHAPE, _SHAPE] = of_data[:, _SHAPE, _SHAPE]
         across, pose = matrix[:, _POSE, _SHAPE], matrix[:, _POSE, _POSE]
         right = torch.cat([gradient[:, _POSE, None], across, of_data[:, _POSE, _POSE]], dim=2)
-        diagonal = pose.diagonal(dim1=1, dim2=2)
-        damping = SMALLEST * diagonal.amax(dim=1, keepdim=True).expand_as(diagonal)
-        solved = torch.linalg.solve(pose + torch.diag_embed(damping), right)
+        solved = torch.linalg.solve(damped(pose), right)
         used = solved[:, :, 11:].diagonal(dim1=1, dim2=2).sum(dim=1)
         share = 1 / _dispersion(problem, unknowns, used)
         eliminated = across.mT @ solved[:, :, :11]
@@ -196,10 +191,7 @@ def shared_shape(
     Returns:
         Coefficients, standard deviations.
     """
-    start = Start(
-        parameters.joint_angles, parameters.root_rotation, parameters.translation, parameters.shape
-    )
-    unknowns = Unknowns.of_start(start, observation.intrinsics)
+    unknowns = Unknowns.of_start(Start.of(parameters), observation.intrinsics)
     hand = objective.hand
     terms = PriorTerms(objective.prior, centred=True)
     free = terms.free()

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import AXES, LANDMARKS
+from hand_recon.schema import HandParameters
 
 PALM_LANDMARKS: Final = tuple(
     LANDMARKS.index(name)
@@ -44,6 +45,15 @@ class Start:
     """Position of the hand's origin in the camera's frame, metres."""
     shape: Float[Tensor, "*batch direction=10"]
     """Shape coefficients, standard deviations."""
+
+    @classmethod
+    def of(cls, found: HandParameters) -> Self:
+        """Hands with these parameters.
+
+        Args:
+            found: Parameters with any axes in front.
+        """
+        return cls(found.joint_angles, found.root_rotation, found.translation, found.shape)
 
     @classmethod
     def beside(cls, starts: Sequence[Self]) -> Self:

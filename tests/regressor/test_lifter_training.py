@@ -1,4 +1,4 @@
-"""How the packaged lifter is trained: poses, views, noise, and that no 3D of a view is used."""
+"""Training of the packaged lifter: its poses, views and noise, and that it uses no 3D of a view."""
 
 import math
 from dataclasses import replace

@@ -25,16 +25,26 @@ def curvature_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
     return matrix
 
 
+def damped(
+    matrix: Float[Tensor, "hand unknown unknown"],
+) -> Float[Tensor, "hand unknown unknown"]:
+    """Second derivatives with `SMALLEST` of each hand's largest one added along the diagonal.
+
+    Args:
+        matrix: Second derivatives of each hand, positive semi-definite.
+    """
+    diagonal = matrix.diagonal(dim1=1, dim2=2)
+    added = SMALLEST * diagonal.amax(dim=1, keepdim=True).expand_as(diagonal)
+    return matrix + torch.diag_embed(added)
+
+
 def factor_of(model: Model) -> Float[Tensor, "hand unknown unknown"]:
     """Lower triangular L with L Lᵀ the curvature, in double precision.
 
     Args:
         model: The loss at the hands, with a prior that bounds every unknown.
     """
-    matrix = curvature_of(model).double()
-    diagonal = matrix.diagonal(dim1=1, dim2=2)
-    diagonal += SMALLEST * diagonal.amax(dim=1, keepdim=True)
-    return torch.linalg.cholesky(matrix)
+    return torch.linalg.cholesky(damped(curvature_of(model).double()))
 
 
 def log_volume_of(

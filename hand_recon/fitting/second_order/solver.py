@@ -96,10 +96,8 @@ class SecondOrder:
         terms = PriorTerms(prior, centred=True)
         centred = Problem.of(self.free, terms, data_term, observation)
         several = self._selected(centred, self._starts(centred, palms, further))
-        best = several
-        if len(several.damping) > len(observation):
-            best = self._advanced(centred, several, FINAL)
-            best = best[_least(best.model.value, len(observation), 1)]
+        best = self._advanced(centred, several, FINAL)
+        best = best[_least(best.model.value, len(observation), 1)]
         plain = replace(centred, projection=self.projection, terms=PriorTerms(prior))
         last = minimize(plain, Reached.at(plain, best.unknowns), LAST)
         found = self.objective(last.unknowns.parameters(plain.inverse), observation)
@@ -122,9 +120,6 @@ class SecondOrder:
         hands = len(problem.target)
         count = len(several.damping) // max(hands, 1)
         result = Minimum.of(problem, Reached.at(problem, best.unknowns))
-        if count == 1:
-            # The one start was minimized to the result itself.
-            return mixed_covariance(result, result, count)
         others = Minimum.of(problem[_rows(hands, len(several.damping))], several)
         return mixed_covariance(result, others, count)
 
@@ -148,8 +143,6 @@ class SecondOrder:
         """The best starts of each hand after the rounds, behind each other."""
         hands = len(problem.target)
         here = Reached.at(problem[_rows(hands, len(start))], start)
-        if len(start) == hands:
-            return here
         for of_round in ROUNDS:
             here = self._advanced(problem, here, of_round)
             if of_round.look_up and self.fingers is not None:

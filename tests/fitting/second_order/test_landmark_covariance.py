@@ -240,9 +240,7 @@ def test_one_start_is_one_minimum(hand: HandModel) -> None:
     problem = Problem.of(
         LandmarkProjection(hand), PriorTerms(objective.prior), objective.data_term, seen
     )
-    one = result.parameters
-    start = Start(one.joint_angles, one.root_rotation, one.translation, one.shape)
-    unknowns = Unknowns.of_start(start, seen.intrinsics)
+    unknowns = Unknowns.of_start(Start.of(result.parameters), seen.intrinsics)
     alone = Minimum.of(problem, Reached.at(problem, unknowns))
     expected = SCALE**2 * alone.covariance + MODEL_SIGMA**2 * torch.eye(3)
     assert result.covariance_3d is not None
