@@ -2,11 +2,9 @@
 
 from importlib.resources import files
 
-import numpy as np
-import torch
-
 from hand_recon.hand.landmark_offsets import with_offsets
 from hand_recon.hand.model import HandAsset, HandModel
+from hand_recon.hand.packaged_arrays import packaged_arrays
 
 ASSET = "assets/open_hand.npz"
 """The asset, built by `tools/build_open_hand.py`; `assets/NOTICE.md` gives its origin."""
@@ -31,14 +29,12 @@ def load_open_hand() -> HandAsset:
     Raises:
         FileNotFoundError: The asset is missing from the package.
     """
-    path = files("hand_recon.hand") / ASSET
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"No open hand at {path}. It is part of the repository: restore it with git, or rebuild "
-            "it with `make asset` (needs the `assets` extra)."
-        )
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-        arrays = {name: torch.from_numpy(archive[name]) for name in archive.files}
+    arrays = packaged_arrays(
+        "hand_recon.hand",
+        ASSET,
+        what="open hand",
+        rebuild="`make asset` (needs the `assets` extra)",
+    )
     regressors = {
         name.removeprefix("landmarks_"): arrays.pop(name).float()
         for name in list(arrays)
@@ -54,12 +50,14 @@ def load_open_hand() -> HandAsset:
 
 def _add_detector_landmarks(asset: HandAsset) -> None:
     """Add the landmark set `mediapipe` to an asset that has `knuckle`."""
-    path = files("hand_recon.hand") / DETECTOR_LANDMARKS
-    if path.is_file():
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            offsets = torch.from_numpy(archive["offsets"])
+    package, command = "hand_recon.hand", "`python -m tools.learn_from_landmarks`"
+    # The command reads the hand without these landmarks, too.
+    if (files(package) / DETECTOR_LANDMARKS).is_file():
+        arrays = packaged_arrays(
+            package, DETECTOR_LANDMARKS, what="detector's landmarks", rebuild=command
+        )
         knuckle = asset.landmark_regressors["knuckle"]
-        asset.landmark_regressors["mediapipe"] = with_offsets(asset, knuckle, offsets)
+        asset.landmark_regressors["mediapipe"] = with_offsets(asset, knuckle, arrays["offsets"])
 
 
 def open_hand(landmark_set: str = "knuckle") -> HandModel:

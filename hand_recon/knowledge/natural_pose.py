@@ -8,15 +8,13 @@ al. (J. Neurosci. 18(23), 1998). Ours are learnt from 2D landmarks of photograph
 `tools/learn_from_landmarks.py`.
 """
 
-from importlib.resources import files
 from typing import Final
 
-import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.packaged_arrays import packaged_arrays
 from hand_recon.knowledge.pose_distance import PoseDistance, PoseDistanceTerm
 
 TABLE: Final = "tables/natural_poses.npz"
@@ -46,11 +44,10 @@ def natural_poses() -> tuple[Float[Tensor, " angle=45"], Float[Tensor, "angle=45
     Raises:
         FileNotFoundError: The table is not beside this module.
     """
-    path = files("hand_recon.knowledge") / TABLE
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"No natural poses at {path}. They are part of the repository: restore them with git, or learn "
-            "them anew with `python -m tools.learn_from_landmarks`."
-        )
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-        return torch.from_numpy(archive["mean"]), torch.from_numpy(archive["covariance"])
+    tables = packaged_arrays(
+        "hand_recon.knowledge",
+        TABLE,
+        what="natural poses",
+        rebuild="`python -m tools.learn_from_landmarks`",
+    )
+    return tables["mean"], tables["covariance"]

@@ -5,13 +5,10 @@ its PCA. It is here to compare generic knowledge with knowledge from 3D data, an
 data are the training gestures of the synthetic hands (`tools/build_pose_components.py`).
 """
 
-from importlib.resources import files
 from typing import Final
 
-import numpy as np
-import torch
-
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.packaged_arrays import packaged_arrays
 from hand_recon.knowledge.pose_distance import PoseDistance, PoseDistanceTerm
 
 TABLE: Final = "tables/pose_components.npz"
@@ -26,14 +23,12 @@ class PoseComponents(PoseDistance):
     """
 
     def __init__(self) -> None:
-        path = files("hand_recon.knowledge") / TABLE
-        if not path.is_file():
-            raise FileNotFoundError(
-                f"No principal components of poses at {path}. They are part of the repository: restore them "
-                "with git, or rebuild them with `python tools/build_pose_components.py`."
-            )
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            tables = {name: torch.from_numpy(archive[name]) for name in archive.files}
+        tables = packaged_arrays(
+            "hand_recon.knowledge",
+            TABLE,
+            what="principal components of poses",
+            rebuild="`python tools/build_pose_components.py`",
+        )
         super().__init__(tables["mean"], tables["components"] / tables["deviations"][:, None])
 
 
