@@ -30,7 +30,8 @@ from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, source_of
+from hand_recon.runs.fit_run import adapted_to_data, source_of
+from hand_recon.runs.fitters import build_fitter
 from hand_recon.runs.looking import LookedAt, build_detector, look_at_file, to_landmarks
 from hand_recon.visualization.hand_overlay import draw_hands
 

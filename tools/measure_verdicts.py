@@ -23,7 +23,8 @@ from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
 from hand_recon.fitting.verdict import PLAUSIBLE, doubts, verdicts
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter
+from hand_recon.runs.fit_run import adapted_to_data
+from hand_recon.runs.fitters import build_fitter
 from hand_recon.schema import HandBatch
 from landmark_mistakes import IMAGE_SIZE, OF_CAMERAS, OF_LANDMARKS
 

@@ -13,7 +13,8 @@ from hand_recon.command_line.composing import composed
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, file_origins, fitter_of, source_of
+from hand_recon.runs.fit_run import adapted_to_data, file_origins, source_of
+from hand_recon.runs.fitters import fitter_of
 from hand_recon.runs.reconstructed_hands import ReconstructedHands
 
 SIDES: Final = ("right", "left")

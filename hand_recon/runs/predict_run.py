@@ -19,13 +19,8 @@ from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
-from hand_recon.runs.fit_run import (
-    adapted_to_data,
-    build_fitter,
-    fitter_of,
-    refuse_doubts,
-    source_of,
-)
+from hand_recon.runs.fit_run import adapted_to_data, refuse_doubts, source_of
+from hand_recon.runs.fitters import build_fitter, fitter_of
 from hand_recon.runs.looking import (
     LookedAt,
     build_detector,

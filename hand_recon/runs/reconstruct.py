@@ -15,7 +15,8 @@ from hand_recon.fitting.in_parts import fit_in_parts
 from hand_recon.fitting.photo_camera import CameraChoice, given_cameras, parse_camera
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.fit_landmarks import check_cameras, check_overrides
-from hand_recon.runs.fit_run import adapted_to_data, fitter_of, source_of
+from hand_recon.runs.fit_run import adapted_to_data, source_of
+from hand_recon.runs.fitters import fitter_of
 from hand_recon.runs.looking import (
     LookedAt,
     build_detector,

@@ -23,7 +23,8 @@ from hand_recon.regressor.lifter_file import (
     lifter_header,
     save_lifter,
 )
-from hand_recon.runs.fit_run import build_fitter, source_of
+from hand_recon.runs.fit_run import source_of
+from hand_recon.runs.fitters import build_fitter
 from hand_recon.runs.lifters import (
     DEFAULT,
     load_named,

@@ -16,7 +16,8 @@ from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.in_parts import fit_in_parts, fit_part
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter, fitter_of
+from hand_recon.runs.fit_run import adapted_to_data
+from hand_recon.runs.fitters import build_fitter, fitter_of
 
 TABLE_1: Final = {
     name: (

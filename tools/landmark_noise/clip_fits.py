@@ -16,7 +16,8 @@ from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.detection.landmark_noise import SHARED_ERROR, NoiseTable
 from hand_recon.fitting.in_parts import Fitter, fit_in_parts
 from hand_recon.runs.configuration import build_hand
-from hand_recon.runs.fit_run import adapted_to_data, build_fitter
+from hand_recon.runs.fit_run import adapted_to_data
+from hand_recon.runs.fitters import build_fitter
 from landmark_noise.clip import Clip, calibrate
 
 METHODS: Final = (

@@ -1,0 +1,103 @@
+"""Builds the fit that a configuration describes: its loss, its starts and its hand (Sec. 3.4)."""
+
+from functools import partial
+
+from omegaconf import DictConfig
+
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.fitting.descent import fit as descend
+from hand_recon.fitting.descent import with_possible_solver
+from hand_recon.fitting.in_parts import Fitter
+from hand_recon.fitting.lift import lift
+from hand_recon.fitting.objective import Fitted, Objective
+from hand_recon.fitting.observation import observed
+from hand_recon.hand.model import HandModel
+from hand_recon.runs.configuration import build_prior, instantiate
+from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
+from hand_recon.runs.one_person import one_person_fitter
+from hand_recon.schema import HandBatch
+
+
+def build_objective(config: DictConfig, hand: HandModel) -> Objective:
+    """Build the loss of a fit.
+
+    Args:
+        config: `conf/fit.yaml` composed.
+        hand: The hand to fit.
+
+    Raises:
+        ValueError: The data term needs correlations, which a fit cannot estimate.
+    """
+    data_term = instantiate(config.data_term)
+    if data_term.needs_correlation:
+        raise ValueError(
+            "Fitting is given each landmark's σ and cannot estimate correlations, which this data "
+            "term needs. Use data_term=mse, mse_then_nll, laplace or mse_rescaled."
+        )
+    return Objective(hand, build_prior(config.prior, hand), data_term)
+
+
+def fitter_of(
+    config: DictConfig, hand: HandModel, landmarks: ImageLandmarks, fitter: Fitter | None = None
+) -> Fitter:
+    """Build the fit of some landmarks: that of any hands, or that of one person's (`same_person`).
+
+    Args:
+        config: `conf/fit.yaml` or `conf/predict.yaml` composed.
+        hand: The hand to fit.
+        landmarks: All hands; the shape of one person is estimated from them.
+        fitter: The fit of any hands, if it is built already.
+
+    Raises:
+        ValueError: As of `build_fitter` and `one_person_fitter`.
+    """
+    fitter = fitter or build_fitter(config, hand)
+    if not config.same_person:
+        return fitter
+    return one_person_fitter(
+        fitter,
+        partial(build_fitter, config),
+        build_objective(config, hand),
+        instantiate(config.descent),
+        landmarks,
+        sigma_at_half_confidence=config.sigma_at_half_confidence,
+    )
+
+
+def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
+    """Build the fit that a configuration describes.
+
+    Args:
+        config: `conf/fit.yaml` composed.
+        hand: The hand to fit.
+
+    Raises:
+        ValueError: The data term needs correlations, which a fit cannot estimate; or no steps are asked for
+            without a lifter.
+    """
+    objective = build_objective(config, hand)
+    descent = with_possible_solver(instantiate(config.descent), objective)
+    further = None
+    if descent.steps == 0 and not names_lifter(config.lifter):
+        raise ValueError(
+            "Found descent.steps=0, which makes a lifter's prediction the result, and no lifter. Add "
+            "lifter=default or a lifter of your own, or leave descent.steps out."
+        )
+    if names_lifter(config.lifter):
+        regressor = load_named(config.lifter, hand)
+        if descent.steps == 0:
+            check_result(regressor, hand, config.lifter)
+            return lambda batch: Fitted(
+                lift(regressor, observed(batch, config.sigma_at_half_confidence), hand), {}
+            )
+        further = starts_of(regressor, hand)
+
+    def run(batch: HandBatch) -> Fitted:
+        return descend(
+            observed(batch, config.sigma_at_half_confidence),
+            objective,
+            descent=descent,
+            further=further,
+        )
+
+    return run
