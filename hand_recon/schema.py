@@ -188,6 +188,18 @@ class HandPrediction(_TensorRecord):
     an estimate."""
 
 
+@dataclass(frozen=True)
+class CropMotion:
+    """Similarity transform of each crop of a batch and the matching rotation of the camera frame."""
+
+    pixels: Float[Tensor, "batch 3 3"]
+    """Matrix from pixels of the old crop to pixels of the new one."""
+    camera: Float[Tensor, "batch 3 3"]
+    """Rotation from the old camera frame to the new one, with an optional flip."""
+    scale: Float[Tensor, " batch"]
+    """Scale factor of lengths, new pixels per old pixel."""
+
+
 def collate(samples: list[HandSample]) -> HandBatch:
     """Stack samples into a batch; `HandBatch` says which missing labels become NaN and which None.
 

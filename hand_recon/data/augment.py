@@ -11,19 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from hand_recon.schema import HandBatch
-
-
-@dataclass(frozen=True)
-class CropMotion:
-    """Similarity transform of each crop of a batch and the matching rotation of the camera frame."""
-
-    pixels: Float[Tensor, "batch 3 3"]
-    """Matrix from pixels of the old crop to pixels of the new one."""
-    camera: Float[Tensor, "batch 3 3"]
-    """Rotation from the old camera frame to the new one, with an optional flip."""
-    scale: Float[Tensor, " batch"]
-    """Scale factor of lengths, new pixels per old pixel."""
+from hand_recon.schema import CropMotion, HandBatch
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,19 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.camera import project, to_true_camera
-from hand_recon.data.augment import CropMotion, move
-from hand_recon.data.upright import upright_motion
+from hand_recon.data.augment import move
 from hand_recon.fitting.observation import Observation, confidence_of_sigma
 from hand_recon.fitting.start import SHALLOWEST, Start
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.upright import upright_motion
 from hand_recon.regressor.error_feedback import Regressor
-from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPrediction
+from hand_recon.schema import (
+    REFERENCE_SIZE,
+    CropMotion,
+    HandBatch,
+    HandParameters,
+    HandPrediction,
+)
 
 
 @torch.no_grad()

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from hand_recon.camera import project
-from hand_recon.data.augment import Augmentation, CropMotion, move, to_float, warp
-from hand_recon.schema import HandBatch
+from hand_recon.data.augment import Augmentation, move, to_float, warp
+from hand_recon.schema import CropMotion, HandBatch
 
 SIZE = 48
 NONE = Augmentation(rotation=0, scale=0, shift=0, side_jitter=0, colour=0, brightness=0, flip=0)

@@ -14,8 +14,8 @@ from hand_recon.data.synthetic.datamodule import SyntheticDataModule
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import SyntheticView, synthetic_hand, synthetic_view
-from hand_recon.data.upright import FILL
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.hand.upright import FILL
 from hand_recon.schema import HandBatch, collate
 from tests.support.tolerance import assert_close
 

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from hand_recon.camera import project
 from hand_recon.data.augment import move
-from hand_recon.data.upright import upright_motion
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.fitting.descent import Descent, fit
@@ -21,6 +20,7 @@ from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.upright import upright_motion
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm, Term

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from hand_recon.data.augment import move
-from hand_recon.data.upright import upright_motion
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.upright import upright_motion
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.image_encoder import ImageEncoder
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder

@@ -8,9 +8,9 @@ import torch
 
 from build_lifter import build
 from hand_recon.camera import project
-from hand_recon.data.upright import FILL
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
+from hand_recon.hand.upright import FILL
 from hand_recon.knowledge.natural_pose import natural_poses
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.camera import REFERENCE_SIZE, project
-from hand_recon.data.upright import upright_motion
 from hand_recon.hand.skeleton import FINGERS
+from hand_recon.hand.upright import upright_motion
 from hand_recon.schema import HandBatch
 
 _FINGER: Final = torch.tensor([0] + [1 + place // 4 for place in range(20)])

@@ -11,9 +11,9 @@ from torch.utils.data import Dataset
 
 from hand_recon.data.synthetic.image_store import COLUMNS, ensure_store
 from hand_recon.data.synthetic.recipe import Recipe, level_named
-from hand_recon.data.upright import upright_motion
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.hand.upright import upright_motion
 from hand_recon.schema import HandBatch, HandParameters, HandSample
 
 _NO_IMAGE: Final = torch.empty(3, 0, 0, dtype=torch.uint8)

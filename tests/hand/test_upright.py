@@ -8,9 +8,9 @@ import torch
 
 from hand_recon.camera import project
 from hand_recon.data.augment import move
-from hand_recon.data.upright import upright_motion
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
+from hand_recon.hand.upright import upright_motion
 from hand_recon.schema import HandBatch
 from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views

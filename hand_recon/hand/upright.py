@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.data.augment import CropMotion
 from hand_recon.hand.skeleton import LANDMARKS
+from hand_recon.schema import CropMotion
 
 FILL = 0.7
 """Side of the landmarks' bounding square in the new crop, as a share of the crop's."""
