@@ -4,6 +4,7 @@ hand-recon prepare mano mano_v1_2.zip [folder=data/mano]
 hand-recon prepare detector [hand_landmarker.task]
 hand-recon prepare cache data=freihand data.root=/path/to/FreiHAND_pub_v2
 hand-recon prepare check data=freihand data.root=/path/to/FreiHAND_pub_v2
+hand-recon prepare labels my_photos [output=my_labels] [export=cvat]
 """
 
 import sys
@@ -12,8 +13,12 @@ from typing import Final
 
 from hand_recon.command_line.hydra_verb import run_verb
 
-CONFIGURATIONS: Final = {"mano": "prepare_mano", "detector": "prepare_detector"}
-"""Tasks that are no runs and have a configuration of their own: they leave no folder behind."""
+CONFIGURATIONS: Final = {
+    "mano": "prepare_mano",
+    "detector": "prepare_detector",
+    "labels": "prepare_labels",
+}
+"""Tasks that have a configuration of their own."""
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -23,9 +28,10 @@ def main(words: Sequence[str] | None = None) -> None:
         words: The command line after the verb; none for this process's own.
     """
     words = list(sys.argv[1:] if words is None else words)
-    given = {word.removeprefix("--").removeprefix("task=") for word in words}
-    own = [name for task, name in CONFIGURATIONS.items() if task in given]
-    run_verb("prepare", __doc__ or "", words, config_name=own[0] if own else None)
+    given = [word.removeprefix("--").removeprefix("task=") for word in words]
+    # The first, because a file may be called like a task.
+    own = next((CONFIGURATIONS[word] for word in given if word in CONFIGURATIONS), None)
+    run_verb("prepare", __doc__ or "", words, config_name=own)
 
 
 if __name__ == "__main__":

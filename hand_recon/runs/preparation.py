@@ -1,4 +1,4 @@
-"""Converts MANO, fetches the hand detector, fills caches, and checks the labels of datasets."""
+"""Converts MANO, fetches the hand detector, fills caches, checks labels, and makes those of photographs."""
 
 import json
 import logging
@@ -23,6 +23,7 @@ from hand_recon.inspection.labels import LabelReport, examine_labels
 from hand_recon.inspection.ranges import examine_poses
 from hand_recon.runs.building import build_data
 from hand_recon.runs.configuration import build_hand, check_extra, claim_folder
+from hand_recon.runs.labelling.label_run import label_images
 
 logger = logging.getLogger(__name__)
 
@@ -31,19 +32,21 @@ def prepare(config: DictConfig) -> Any:  # noqa: ANN401  # each task's own resul
     """Run the task that was named.
 
     Args:
-        config: `conf/prepare.yaml`, `conf/prepare_mano.yaml` or `conf/prepare_detector.yaml` composed.
+        config: `conf/prepare.yaml` composed, or that of the task, such as `conf/prepare_mano.yaml`.
 
     Raises:
         ValueError: There is no such task.
     """
-    tasks = {"mano": mano, "detector": detector, "cache": cache, "check": check}
+    tasks = {
+        "mano": mano, "detector": detector, "cache": cache, "check": check, "labels": label_images,
+    }  # fmt: skip
     name = None if OmegaConf.is_missing(config, "task") else str(config.task)
     if name not in tasks:
         raise ValueError(
             f"{'No task was given' if name is None else f'Unknown task {name!r}'}: type hand-recon prepare "
-            "with mano, detector, cache or check."
+            "with mano, detector, cache, check or labels."
         )
-    if name not in ("mano", "detector") and config.source is not None:
+    if name not in ("mano", "detector", "labels") and config.source is not None:
         raise ValueError(
             f"prepare {name} takes no file, found {config.source!r}. Name the data as options, for example "
             f"hand-recon prepare {name} data=freihand data.root=<folder>."

@@ -1,0 +1,1 @@
+"""Labels of photographs by the detector, for training (`hand-recon prepare labels`)."""
