@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 from omegaconf import DictConfig, open_dict
 
+from hand_recon.data.datamodule import load_batch
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.data.photos.photo import read_photo
 from hand_recon.detection.copy_votes import CopyVotes
 from hand_recon.detection.mediapipe import MediaPipeDetector
+from hand_recon.runs import looking
 from hand_recon.runs import preparation as prepare
+from hand_recon.runs.building import build_data
 from hand_recon.runs.labelling import label_run, labeller
 from hand_recon.runs.labelling.labeller import build_label_detector
 from hand_recon.runs.training_run import train
@@ -146,7 +149,7 @@ def test_an_interrupted_command_goes_on_where_it_was(
 ) -> None:
     monkeypatch.setattr(label_run, "IMAGES_AT_ONCE", 1)
     prepare.prepare(asked(folder, f"output='{folder}/whole'"))
-    real, looks = labeller.look_at_file, itertools.count()
+    real, looks = looking.look_at_file, itertools.count()
 
     def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
         if next(looks) in {0, 3}:
@@ -192,7 +195,13 @@ def test_exports_have_all_hands_the_doubtful_ones_first(folder: Path) -> None:
         assert found.left.tolist() == [False, False, True]
 
 
-def test_the_labels_are_checked_as_they_are(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_labels_are_checked_as_they_are_and_sigma_reaches_the_batches(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    for entry in entries:
+        entry["sigma"] = [2.0] * 21
+    (folder / "found.json").write_text(json.dumps(entries), encoding="utf-8")
     prepare.prepare(asked(folder, "keep=all"))
     config = composed(
         "task=check", "data=landmarks", f"data.train='{folder}/out/labels.json'",
@@ -209,6 +218,14 @@ def test_the_labels_are_checked_as_they_are(folder: Path, caplog: pytest.LogCapt
     assert report.numbers["samples"] == 3
     assert report.numbers["left_hands_percent"] == pytest.approx(100 / 3)
     assert "are not read" not in caplog.text
+    batch = load_batch(build_data(config).dataset("train"), [0, 1, 2])
+    assert batch.label_noise is not None
+    for hand, entry in enumerate(entries):
+        # Pixels of the crop per pixel of the image, by the length of a bone.
+        both = (batch.landmarks_2d[hand].tolist(), entry["landmarks"])
+        bones = [np.subtract(points[9], points[0]) for points in both]
+        scale = np.linalg.norm(bones[0]) / np.linalg.norm(bones[1])
+        np.testing.assert_allclose(batch.label_noise[hand].numpy(), 2 * scale, rtol=1e-3)
 
 
 @LIGHTNING_WARNINGS
@@ -216,9 +233,10 @@ def test_the_labels_train_as_they_are(folder: Path) -> None:
     prepare.prepare(asked(folder, "keep=all"))
     labels = folder / "out" / "labels.json"
     options = [
-        "data=landmarks", f"data.images='{folder}/photos'", "data.landmark_set=mediapipe", "data.batch_size=3",
-        "data.reading.workers=1", "model.encoder.backbone=mobilenet_v3_small", "model.width=32",
-        "trainer.max_epochs=1", "trainer.accelerator=cpu", "threads=1", "report.images=1", "crop_size=48",
+        "data=landmarks", f"data.images='{folder}/photos'", "data.landmark_set=mediapipe",
+        "data.batch_size=3", "data.reading.workers=1", "model.encoder.backbone=mobilenet_v3_small",
+        "model.width=32", "trainer.max_epochs=1", "trainer.accelerator=cpu", "threads=1", "report.images=1",
+        "crop_size=48",
         *(f"data.{split}='{labels}'" for split in ("train", "val", "test")),
     ]  # fmt: skip
     metrics = train(settings(folder / "cache", folder / "run", *options))
@@ -227,7 +245,6 @@ def test_the_labels_train_as_they_are(folder: Path) -> None:
         "mediapipe",
         3,
     )
-    # σ of the labels reaches the batches.
     assert {"E_2D", "PCK@0.05"} <= set(metrics["test"])
 
 
@@ -257,7 +274,7 @@ def test_labels_of_photographs_are_what_the_detector_says_to_the_rounding(tmp_pa
     summary = prepare.prepare(config)
     assert summary["images"] == 2
     assert summary["marks"]["several hands"] == 2
-    assert not {"low score", "copies disagree", "outside the image"} & set(summary["marks"])
+    assert not {"low score", "uncertain landmarks", "outside the image"} & set(summary["marks"])
     read = read_landmarks(
         tmp_path / "out" / "labels.json", assumed=Assumptions(side=None, images=EXAMPLES)
     )

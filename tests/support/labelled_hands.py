@@ -9,7 +9,7 @@ from hand_recon.runs.labelling.label_records import LabelledHand, LabelledImage
 SIZE = (400, 300)
 """Width and height of the images, pixels."""
 
-MARKS = {"low score": "The presence is 0.5.", "copies disagree": "σ is large."}
+MARKS = {"low score": "The presence is 0.5.", "uncertain landmarks": "σ is large."}
 """Marks of a doubtful hand."""
 
 

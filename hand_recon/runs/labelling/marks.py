@@ -16,7 +16,7 @@ LOW_SCORE: Final = "low score"
 SIDE: Final = "side uncertain"
 SEVERAL: Final = "several hands"
 OUTSIDE: Final = "outside the image"
-COPIES: Final = "copies disagree"
+UNCERTAIN: Final = "uncertain landmarks"
 FIT: Final = "fit: "
 """Beginning of the names of marks by the fit; the name of the check follows."""
 
@@ -99,10 +99,10 @@ def _place_marks(hand: DetectedHand, size: tuple[int, int], limits: Limits) -> d
     if hand.sigma is not None and np.isfinite(hand.sigma).any():
         sigma = float(np.nanmedian(hand.sigma)) / extent
         if sigma > limits.max_sigma:
-            marks[COPIES] = (
+            marks[UNCERTAIN] = (
                 f"The median σ of the landmarks is {100 * sigma:.1f} % of the hand's extent, expected at "
-                f"most {100 * limits.max_sigma:g} %: rotated, scaled and mirrored copies of the crop have "
-                "other landmarks."
+                f"most {100 * limits.max_sigma:g} %: readings of rotated, scaled and mirrored copies of such "
+                "a hand differ."
             )
     return marks
 

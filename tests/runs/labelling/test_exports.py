@@ -157,7 +157,7 @@ def test_cvats_file_has_what_its_importer_asks_of_skeletons(
     doubts = [
         one.text for one in root.findall(".//attribute") if one.get("name") == "doubt" and one.text
     ]
-    assert doubts == ["low score; copies disagree"]
+    assert doubts == ["low score; uncertain landmarks"]
 
 
 def test_cvats_labels_fit_its_annotations(images: list[LabelledImage], tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_label_studios_interface_has_every_label_of_the_tasks(
         ids = [one["id"] for one in prediction["result"]]
         assert len(set(ids)) == len(ids)
         assert {one["parentID"] for one in prediction["result"] if "parentID" in one} <= set(ids)
-    assert [task["data"]["doubt"] for task in tasks] == ["", "low score; copies disagree", ""]
+    assert [task["data"]["doubt"] for task in tasks] == ["", "low score; uncertain landmarks", ""]
 
 
 def test_label_studios_addresses_name_the_images_below_the_folder(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.parsed import Assumptions
-from hand_recon.detection.detector import DetectedHand
+from hand_recon.detection.detector import DetectedHand, Side
 from hand_recon.runs.labelling.label_files import (
     COLUMNS,
     pairs_of,
@@ -36,7 +36,7 @@ def detections(draw: st.DrawFn) -> list[DetectedHand]:
         points[:2] = (-50, -50), (100, 100)
         for landmark in draw(st.sets(st.integers(2, 20), max_size=10)):
             points[landmark] = np.nan
-        side = "left" if draw(st.booleans()) else "right"
+        side: Side = "left" if draw(st.booleans()) else "right"
         hands.append(DetectedHand(points, side, rng.uniform(), 0.9, sigma=rng.uniform(0.5, 20, 21)))
     return hands
 

@@ -6,12 +6,12 @@ import torch
 
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.labelling.marks import (
-    COPIES,
     FIT,
     LOW_SCORE,
     OUTSIDE,
     SEVERAL,
     SIDE,
+    UNCERTAIN,
     Limits,
     marks_of_detection,
     marks_of_fit,
@@ -54,7 +54,7 @@ def test_a_landmark_far_outside_on_any_edge_is_marked(left: float, top: float) -
 
 
 def test_sigma_is_compared_with_the_extent_and_not_with_pixels() -> None:
-    assert names(detected(square(100), sigma=5.1)) == [{COPIES}]
+    assert names(detected(square(100), sigma=5.1)) == [{UNCERTAIN}]
     assert names(detected(square(100), sigma=4.9)) == [set()]
     assert names(detected(square(140), sigma=5.1)) == [set()]
     assert names(detected(square(100), sigma=None)) == [set()]
