@@ -6,7 +6,7 @@ the label of a skeleton. `hand_recon.data.landmarks.formats.cvat` reads CVAT's e
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
@@ -38,6 +38,7 @@ def write_cvat(folder: Path, images: Sequence[LabelledImage]) -> list[Path]:
     """
     root = Element("annotations")
     SubElement(root, "version").text = "1.1"
+    _add_labels(root)
     for number, image in enumerate(one for one in images if one.hands):
         _add_image(root, number, image)
     indent(root)
@@ -45,6 +46,31 @@ def write_cvat(folder: Path, images: Sequence[LabelledImage]) -> list[Path]:
     ElementTree(root).write(annotations, encoding="utf-8", xml_declaration=True)
     task.write_text(json.dumps(task_labels(), indent=1), encoding="utf-8")
     return [annotations, task]
+
+
+def _add_labels(root: Element) -> None:
+    """The labels in the words of CVAT's own exports; a point of a skeleton names it as its parent."""
+    task = SubElement(SubElement(root, "meta"), "task")
+    SubElement(task, "mode").text = "annotation"
+    labels = SubElement(task, "labels")
+    for skeleton in task_labels():
+        _add_label(labels, skeleton, {"svg": skeleton["svg"]})
+        for point in skeleton["sublabels"]:
+            _add_label(labels, point, {"parent": skeleton["name"]})
+
+
+def _add_label(labels: Element, label: Mapping[str, Any], further: Mapping[str, str]) -> None:
+    inside = SubElement(labels, "label")
+    SubElement(inside, "name").text = label["name"]
+    SubElement(inside, "type").text = label["type"]
+    attributes = SubElement(inside, "attributes")
+    for given in label["attributes"]:
+        attribute = SubElement(attributes, "attribute")
+        values = {**given, "values": "\n".join(given["values"])}
+        for key in ("name", "mutable", "input_type", "default_value", "values"):
+            SubElement(attribute, key).text = str(values[key])
+    for key, text in further.items():
+        SubElement(inside, key).text = text
 
 
 def _add_image(root: Element, number: int, image: LabelledImage) -> None:

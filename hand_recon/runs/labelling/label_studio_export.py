@@ -1,12 +1,11 @@
 """Labels for Label Studio: tasks with the hands as predictions, and the labelling interface.
 
 A hand is a rectangle with 21 keypoints inside, whose labels name side and landmark. Coordinates are in
-percent of the image. `hand_recon.data.landmarks.formats.label_studio` reads Label Studio's JSON export of
-such tasks.
+percent of the image; points outside of it are left out, because Label Studio refuses them.
+`hand_recon.data.landmarks.formats.label_studio` reads Label Studio's JSON export of such tasks.
 """
 
 import json
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -91,7 +90,7 @@ def _regions(hand: LabelledHand, name: str, size: tuple[int, int]) -> Iterator[d
         },
     }  # fmt: skip
     for landmark, (u, v) in zip(LANDMARKS, (hand.landmarks_2d * percent).tolist(), strict=True):
-        if not math.isfinite(u):
+        if not (0 <= u <= 100 and 0 <= v <= 100):
             continue
         yield {
             **common, "id": f"{name} {landmark}", "from_name": "landmark", "type": "keypointlabels",

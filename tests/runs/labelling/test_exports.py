@@ -83,6 +83,17 @@ def test_a_missing_landmark_stays_missing(write: Write, tmp_path: Path) -> None:
     assert (~found.labelled).nonzero().tolist() == [[0, THUMB_TIP]]
 
 
+def test_a_point_outside_of_the_image_is_missing_in_label_studio_alone(tmp_path: Path) -> None:
+    """Label Studio's validator refuses percents below 0 and above 100."""
+    hand = labelled(1)
+    hand.landmarks_2d[3], hand.landmarks_2d[7] = (-0.5, 20), (20, SIZE[1] + 0.5)
+    hand.landmarks_2d[5] = SIZE
+    in_cvat = read_back(cvat(tmp_path, [image("a.jpg", hand)]))
+    np.testing.assert_allclose(in_cvat.landmarks_2d[0].numpy(), hand.landmarks_2d)
+    found = read_back(label_studio(tmp_path, [image("a.jpg", hand)]))
+    assert (~found.labelled[0]).nonzero()[:, 0].tolist() == [3, 7]
+
+
 def points_of(root: Element, skeleton: int) -> list[Element]:
     return root.findall(".//skeleton")[skeleton].findall("points")
 
@@ -148,6 +159,10 @@ def test_cvats_file_has_what_its_importer_asks_of_skeletons(
     assert root.findtext("version") == "1.1"
     assert [one.get("name") for one in root.findall("image")] == list(NAMES)
     assert [one.get("id") for one in root.findall("image")] == ["0", "1", "2"]
+    labels = root.findall("./meta/task/labels/label")
+    assert [one.findtext("name") for one in labels] == ["hand", *LANDMARKS]
+    assert [one.findtext("parent") for one in labels] == [None] + ["hand"] * 21
+    assert [one.findtext("type") for one in labels] == ["skeleton"] + ["points"] * 21
     for skeleton in root.findall(".//skeleton"):
         points = skeleton.findall("points")
         assert [point.get("label") for point in points] == list(LANDMARKS)
