@@ -70,6 +70,8 @@ def show_summary(summary: dict[str, Any], folder: Path, root: Path) -> None:
         console.print(f"Not used: {', '.join(summary['damaged'])}", markup=False)
     for path in summary["written"]:
         console.print(f"Written: {path}", markup=False)
+    if not summary["kept"]:
+        return
     console.print(
         f"Train: hand-recon train data=landmarks data.train={folder / LABELS} data.images={root} "
         "data.landmark_set=mediapipe",
