@@ -186,6 +186,9 @@ class HandPrediction(_TensorRecord):
     covariance_3d: Float[Tensor, "*batch landmark=21 3 3"] | None = None
     """Covariance of each landmark from the hand's origin, axes of the camera, square metres; None without
     an estimate."""
+    located_2d: Float[Tensor, "*batch landmark=21 2"] | None = None
+    """Landmarks that the network found in the image before it placed a hand there, pixels of the crop;
+    None if it looks for none."""
 
 
 @dataclass(frozen=True)

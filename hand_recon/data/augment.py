@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from hand_recon.data.appearance import Appearance
 from hand_recon.schema import CropMotion, HandBatch
 
 
@@ -39,11 +40,13 @@ class Augmentation:
     """Largest relative change of all channels together."""
     flip: float = 0.0
     """Probability of a horizontal flip; 0 by default, as a right hand's model cannot match a left hand."""
+    appearance: Appearance | None = None
+    """Further changes of the image; None for none."""
 
     def __post_init__(self) -> None:
         limits = {"scale": 0.9, "side_jitter": 0.9, "colour": 1.0, "brightness": 1.0, "flip": 1.0}
         for name, value in vars(self).items():
-            if not 0 <= value <= limits.get(name, float("inf")):
+            if name != "appearance" and not 0 <= value <= limits.get(name, float("inf")):
                 raise ValueError(
                     f"Augmentation {name}={value} must lie between 0 and {limits.get(name, '∞')}."
                 )
@@ -62,9 +65,14 @@ class Augmentation:
             camera=motion.camera.to(batch.landmarks_2d),
             scale=motion.scale.to(batch.landmarks_2d),
         )
-        moved = move(to_float(batch), motion)
+        batch = to_float(batch)
+        appearance = self.appearance if batch.image.numel() else None
+        if appearance is not None:
+            batch = replace(batch, image=appearance.fill_outside(batch.image, generator))
+        moved = move(batch, motion)
         gain = self._draw_gain(len(batch), generator).to(moved.image)
-        return replace(moved, image=moved.image.mul_(gain).clamp_(0, 1))
+        image = moved.image.mul_(gain).clamp_(0, 1)
+        return replace(moved, image=image if appearance is None else appearance(image, generator))
 
     def draw_motion(
         self, count: int, crop_size: int, generator: torch.Generator | None = None

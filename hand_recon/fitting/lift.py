@@ -4,13 +4,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.camera import project, to_true_camera
+from hand_recon.camera import project
 from hand_recon.data.augment import move
 from hand_recon.fitting.observation import Observation, confidence_of_sigma
 from hand_recon.fitting.start import SHALLOWEST, Start
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.upright import upright_motion
-from hand_recon.regressor.error_feedback import Regressor
+from hand_recon.regressor.error_feedback import Regressor, in_camera
 from hand_recon.schema import (
     REFERENCE_SIZE,
     CropMotion,
@@ -135,15 +135,7 @@ def _in_true_camera(
     found: HandParameters, motion: CropMotion, intrinsics: Float[Tensor, "hand 3 3"]
 ) -> HandParameters:
     """Parameters of upright crops in the camera of the observation."""
-    # The observation's camera after the roll about its axis that makes the hand upright.
-    back = motion.camera.mT
-    upright = motion.pixels @ intrinsics @ back
-    rotation, translation = to_true_camera(
-        found.root_rotation, found.translation, upright, REFERENCE_SIZE
-    )
-    return HandParameters(
-        found.joint_angles, found.shape, back @ rotation, (back @ translation[..., None])[..., 0]
-    )
+    return in_camera(found, motion, intrinsics, REFERENCE_SIZE)
 
 
 def _start(found: HandParameters) -> Start:

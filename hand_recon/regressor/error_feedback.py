@@ -1,5 +1,6 @@
 """The regressor: iterative error feedback from features to pose, shape, camera and σ (Sec. 3, 4.1)."""
 
+from dataclasses import replace
 from typing import Final
 
 import torch
@@ -16,8 +17,8 @@ from hand_recon.camera import (
     to_true_camera,
 )
 from hand_recon.hand.model import HandModel
-from hand_recon.regressor.encoder import Encoder
-from hand_recon.schema import HandBatch, HandParameters, HandPrediction
+from hand_recon.regressor.encoder import Encoder, Evidence
+from hand_recon.schema import CropMotion, HandBatch, HandParameters, HandPrediction
 from hand_recon.uncertainty import soft_bound
 
 _SIZES: Final = {"joint_angles": 45, "root": 6, "camera": 3, "shape": 10, "log_sigma": 42}
@@ -55,8 +56,12 @@ class Regressor(nn.Module):
         activation: Whether the hidden layers are non-linear; the authors' are not.
         use_intrinsics: Whether to use the batch's camera matrix, where it has one, in place of the constant
             focal length of Sec. 3.1.
-        reprojection: Whether each round sees the reprojection error of the last one; for landmarks as input.
+        reprojection: Whether each round sees the reprojection error of the last one; for encoders that
+            have landmarks.
         correlated: Whether to predict the correlation of each landmark's two coordinates (full covariance).
+
+    Raises:
+        ValueError: Reprojection errors are wanted, and the encoder has no landmarks to compare with.
     """
 
     initial_state: Tensor
@@ -75,6 +80,11 @@ class Regressor(nn.Module):
         correlated: bool = False,
     ) -> None:
         super().__init__()
+        if reprojection and not encoder.has_landmarks:
+            raise ValueError(
+                "reprojection=true compares projections with landmarks, and this encoder has none. Use "
+                "model.reprojection=false, or a model with landmarks: model=lifter or model=photos."
+            )
         self.encoder = encoder
         self.hand = hand
         self.iterations = iterations
@@ -111,12 +121,12 @@ class Regressor(nn.Module):
         Args:
             batch: The batch, with images as floats 0–1. Labels are used by an encoder of landmarks only.
         """
-        shown = self.encoder.shown(batch)
-        features = self.encoder(shown)
+        evidence: Evidence = self.encoder(batch)
         # Rotations and projections need full precision, so only the backbone uses mixed precision.
-        with torch.autocast(device_type=features.device.type, enabled=False):
-            state = self._feedback(features.float(), shown)
-            return self._reconstruct(state, batch.crop_size, batch.intrinsics)
+        with torch.autocast(device_type=evidence.features.device.type, enabled=False):
+            state = self._feedback(evidence, batch)
+            prediction = self._reconstruct(state, evidence.motion, batch)
+        return replace(prediction, located_2d=evidence.located_2d)
 
     def place(self, batch: HandBatch) -> HandParameters:
         """Estimate the parameters of the hand in each crop, without posing its surface.
@@ -127,9 +137,9 @@ class Regressor(nn.Module):
         Returns:
             The parameters that `forward` returns, at a fraction of its time.
         """
-        shown = self.encoder.shown(batch)
-        state = self._feedback(self.encoder(shown).float(), shown)
-        return self._placed(state, batch.crop_size, batch.intrinsics)[0]
+        evidence: Evidence = self.encoder(batch)
+        state = self._feedback(evidence, batch)
+        return self._in_crop(state, evidence.motion, batch)[0]
 
     @torch.no_grad()
     def shift_log_sigma(self, by: Float[Tensor, "landmark=21 2"]) -> None:
@@ -140,12 +150,13 @@ class Regressor(nn.Module):
         """
         self.initial_state[_LOG_SIGMA] += by.flatten().to(self.initial_state)
 
-    def _feedback(self, features: Tensor, shown: HandBatch) -> Tensor:
+    def _feedback(self, evidence: Evidence, batch: HandBatch) -> Tensor:
+        features = evidence.features.float()
         state = self.initial_state.expand(len(features), -1)
         for _ in range(self.iterations):
             seen = [features, state[:, :_FED_BACK]]
             if self.skeleton is not None:
-                seen.append(self._reprojection_error(self.skeleton, state, shown))
+                seen.append(self._reprojection_error(self.skeleton, state, evidence, batch))
             hidden = self.regressor(torch.cat(seen, dim=-1))
             correction = torch.cat([decoder(hidden) for decoder in self.decoders.values()], dim=-1)
             state = self._orthonormal(state + correction)
@@ -162,13 +173,15 @@ class Regressor(nn.Module):
         return torch.cat(list(parts.values()), dim=-1)
 
     def _reprojection_error(
-        self, skeleton: HandModel, state: Tensor, shown: HandBatch
+        self, skeleton: HandModel, state: Tensor, evidence: Evidence, batch: HandBatch
     ) -> Float[Tensor, "batch coordinate=42"]:
-        """Projection minus landmark, in `_FEEDBACK_UNIT`s, clipped; zero where no landmark is shown."""
-        parameters, camera = self._placed(state, shown.crop_size, shown.intrinsics)
-        error = project(skeleton.to_camera(parameters).landmarks, camera) - shown.landmarks_2d
-        error = error.masked_fill(~shown.labelled[..., None], 0.0)
-        error = error * (REFERENCE_SIZE / shown.crop_size / _FEEDBACK_UNIT)
+        """Projection minus landmark, in `_FEEDBACK_UNIT`s, clipped; zero where no landmark is known."""
+        assert evidence.landmarks_2d is not None and evidence.visible is not None  # noqa: S101, PT018
+        intrinsics = batch.intrinsics if evidence.motion is None else None
+        parameters, camera = self._placed(state, batch.crop_size, intrinsics)
+        projected = project(skeleton.to_camera(parameters).landmarks, camera)
+        error = (projected - evidence.landmarks_2d).masked_fill(~evidence.visible[..., None], 0.0)
+        error = error * (REFERENCE_SIZE / batch.crop_size / _FEEDBACK_UNIT)
         return error.clamp(-_FEEDBACK_LIMIT, _FEEDBACK_LIMIT).flatten(1)
 
     def _placed(
@@ -186,11 +199,23 @@ class Regressor(nn.Module):
         joint_angles = parts["joint_angles"].unflatten(-1, (15, 3))
         return HandParameters(joint_angles, parts["shape"], rotation, translation), camera
 
+    def _in_crop(
+        self, state: Tensor, motion: CropMotion | None, batch: HandBatch
+    ) -> tuple[HandParameters, Float[Tensor, "batch 3 3"]]:
+        """Hand parameters of a state in the camera of the crop, and its matrix."""
+        if motion is None:
+            return self._placed(state, batch.crop_size, batch.intrinsics)
+        upright, _ = self._placed(state, batch.crop_size, None)
+        camera = default_intrinsics(batch.crop_size, state).expand(len(state), 3, 3)
+        if self.use_intrinsics and batch.intrinsics is not None:
+            camera = batch.intrinsics
+        return in_camera(upright, motion, camera, batch.crop_size), camera
+
     def _reconstruct(
-        self, state: Tensor, crop_size: int, intrinsics: Tensor | None
+        self, state: Tensor, motion: CropMotion | None, batch: HandBatch
     ) -> HandPrediction:
         parts = self._parts(state)
-        parameters, camera = self._placed(state, crop_size, intrinsics)
+        parameters, camera = self._in_crop(state, motion, batch)
         hand = self.hand.to_camera(parameters)
         correlation = parts.get("correlation")
         return HandPrediction(
@@ -207,6 +232,34 @@ class Regressor(nn.Module):
 
     def _parts(self, state: Tensor) -> dict[str, Tensor]:
         return dict(zip(self.sizes, state.split(list(self.sizes.values()), dim=-1), strict=True))
+
+
+def in_camera(
+    upright: HandParameters,
+    motion: CropMotion,
+    intrinsics: Float[Tensor, "hand 3 3"],
+    crop_size: int,
+) -> HandParameters:
+    """Convert parameters of upright crops to the camera of the crops.
+
+    Args:
+        upright: Parameters in the default camera of an upright crop.
+        motion: Transforms from the crops to the upright ones.
+        intrinsics: Camera matrices of the crops, pixels.
+        crop_size: Side of an upright crop, pixels.
+    """
+    # The camera of the crop after the roll about its axis that makes the hand upright.
+    back = motion.camera.mT
+    camera = motion.pixels @ intrinsics @ back
+    rotation, translation = to_true_camera(
+        upright.root_rotation, upright.translation, camera, crop_size
+    )
+    return HandParameters(
+        upright.joint_angles,
+        upright.shape,
+        back @ rotation,
+        (back @ translation[..., None])[..., 0],
+    )
 
 
 def _initial_state() -> Float[Tensor, " state"]:

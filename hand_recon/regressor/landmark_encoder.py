@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from hand_recon.camera import REFERENCE_SIZE
-from hand_recon.regressor.encoder import Encoder
+from hand_recon.regressor.encoder import Encoder, Evidence
 from hand_recon.schema import HandBatch
 
 
@@ -27,6 +27,8 @@ class LandmarkEncoder(Encoder):
         landmark_dropout: Mean share of landmarks dropped from the input in training, 0 to 1.
         confidence: Whether the detector's confidence is part of the input.
     """
+
+    has_landmarks = True
 
     def __init__(
         self,
@@ -56,8 +58,13 @@ class LandmarkEncoder(Encoder):
             return batch
         return replace(batch, labelled=batch.labelled & self._kept(batch.labelled))
 
-    def forward(self, batch: HandBatch) -> Float[Tensor, "batch feature"]:
-        """Features of the batch's 2D landmarks; images are not used."""
+    def forward(self, batch: HandBatch) -> Evidence:
+        """Evidence from the batch's 2D landmarks; images are not used."""
+        shown = self.shown(batch)
+        return Evidence(self.features(shown), shown.landmarks_2d, shown.labelled)
+
+    def features(self, batch: HandBatch) -> Float[Tensor, "batch feature"]:
+        """Features of the landmarks of a batch that are labelled."""
         shown = batch.labelled
         pixels = batch.landmarks_2d * (REFERENCE_SIZE / batch.crop_size)
         pixels = pixels.masked_fill(~shown[..., None], 0.0)

@@ -11,7 +11,9 @@ from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from hand_recon.regressor.lifted import start_from_lifter
 from hand_recon.runs.configuration import build_hand, build_prior, instantiate
+from hand_recon.runs.lifters import load_named, names_lifter
 from hand_recon.training.module import HandReconstruction
 from hand_recon.uncertainty import DataTerm
 
@@ -42,14 +44,19 @@ def build_module(config: DictConfig) -> HandReconstruction:
     hand = build_hand(config)
     data_term: DataTerm = instantiate(config.data_term)
     optimizer = {key: value for key, value in config.optimizer.items() if key != "schedule"}
+    regressor = instantiate(config.model, hand=hand, correlated=data_term.needs_correlation)
+    start_from = config.get("start_from")
+    if names_lifter(start_from):
+        start_from_lifter(regressor, load_named(start_from, hand))
     return HandReconstruction(
-        instantiate(config.model, hand=hand, correlated=data_term.needs_correlation),
+        regressor,
         build_prior(config.prior, hand),
         data_term,
         scores=partial(Scores, load_ranges(SCORED_RANGES), NonPenetration(hand)),
         optimizer=instantiate(OmegaConf.create(optimizer)),
         scheduler=instantiate(config.optimizer.schedule),
         supervision=instantiate(config.get("supervision") or None),
+        located_weight=config.get("located_weight", 20.0),
     )
 
 

@@ -131,6 +131,7 @@ def load_trained(
         config.hand.landmark_set = landmark_set
     # The weights are in the checkpoint, so ImageNet weights are not downloaded.
     built = copy.deepcopy(config)
+    built.start_from = "none"
     if "weights" in built.model.encoder:
         built.model.encoder.weights = "none"
     # The prior is not evaluated, and its table may exist only on the machine that trained.

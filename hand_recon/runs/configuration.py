@@ -22,6 +22,7 @@ register_resolvers()
 
 TRUSTED: Final = frozenset(
     {
+        "hand_recon.data.appearance.Appearance",
         "hand_recon.data.augment.Augmentation",
         "hand_recon.data.crop.CropPolicy",
         "hand_recon.data.crop_reader.ReadingPolicy",
@@ -36,6 +37,7 @@ TRUSTED: Final = frozenset(
         "hand_recon.detection.mediapipe.MediaPipeDetector",
         "hand_recon.regressor.image_encoder.ImageEncoder",
         "hand_recon.regressor.landmark_encoder.LandmarkEncoder",
+        "hand_recon.regressor.photo_encoder.PhotoEncoder",
         "hand_recon.fitting.results.ResultOptions",
         "hand_recon.fitting.descent.Descent",
         MANO_HAND,

@@ -44,6 +44,9 @@ class HandReconstruction(lightning.LightningModule):
         scheduler: Makes a learning-rate schedule from the optimizer and `total_steps`; none keeps the
             learning rate, as the paper does.
         supervision: 3D labels for some hands; none for the paper's own setting.
+        located_weight: Weight of the error of landmarks that a network finds in the image itself, per
+        pixel of a
+            224-pixel crop and coordinate; other networks have no such error.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class HandReconstruction(lightning.LightningModule):
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
         supervision: Landmarks3D | None = None,
+        located_weight: float = 20.0,
     ) -> None:
         super().__init__()
         self.regressor = regressor
@@ -64,6 +68,7 @@ class HandReconstruction(lightning.LightningModule):
         self.optimizer = optimizer
         self.scheduler = scheduler
         self.supervision = supervision
+        self.located_weight = located_weight
         self.validation = scores()
         self.test = scores()
 
@@ -98,6 +103,9 @@ class HandReconstruction(lightning.LightningModule):
         if self.supervision is not None and (self.training or batch.landmarks_3d is not None):
             raw["landmarks_3d"] = self.supervision(batch, prediction).mean()
             weighted["landmarks_3d"] = self.supervision.weight * raw["landmarks_3d"]
+        if prediction.located_2d is not None:
+            raw["located"] = located_error(batch, prediction.located_2d).mean()
+            weighted["located"] = self.located_weight * raw["located"]
         total = data + sum(weighted.values())
         return {"loss": total, "data": data, **raw} | {
             f"weighted/{name}": value for name, value in weighted.items()
@@ -250,3 +258,19 @@ def reference_residual(
     """Projection minus label, pixels of a 224-pixel crop; NaN where there is no label."""
     to_reference = REFERENCE_SIZE / batch.crop_size
     return (prediction.landmarks_2d - batch.landmarks_2d) * to_reference
+
+
+def located_error(
+    batch: HandBatch, located_2d: Float[Tensor, "batch landmark=21 2"]
+) -> Float[Tensor, " batch"]:
+    """Absolute error of the landmarks that a network found in the image, summed over labelled coordinates.
+
+    Args:
+        batch: The labels.
+        located_2d: Landmarks found, pixels of the crop.
+
+    Returns:
+        Pixels of a 224-pixel crop; absolute, not squared, so that wrong labels do not dominate.
+    """
+    error = (located_2d - batch.landmarks_2d) * (REFERENCE_SIZE / batch.crop_size)
+    return error.masked_fill(~batch.labelled[..., None], 0.0).abs().sum(dim=(-2, -1))

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -190,6 +191,6 @@ def test_a_flip_is_off_by_default_and_mirrors_the_hand_when_on() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"rotation": -0.1}, {"scale": 1.5}, {"flip": 2.0}])
-def test_a_range_that_makes_no_sense_is_refused(wrong: dict[str, float]) -> None:
+def test_a_range_that_makes_no_sense_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"Augmentation {next(iter(wrong))}="):
         Augmentation(**wrong)

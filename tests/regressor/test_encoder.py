@@ -55,7 +55,7 @@ def test_a_missing_landmark_changes_neither_the_features_nor_their_gradient(
         batch = at_missing(seen, value)
         leaf = batch.landmarks_2d.clone().requires_grad_()
         encoder.zero_grad()
-        features = encoder(replace(batch, landmarks_2d=leaf))
+        features = encoder.features(replace(batch, landmarks_2d=leaf))
         features.square().sum().backward()
         assert leaf.grad is not None
         assert leaf.grad[~seen.labelled].count_nonzero() == 0
@@ -112,19 +112,19 @@ def test_dropped_landmarks_do_not_reach_the_answer(
 
 
 def test_an_unknown_confidence_is_none(encoder: LandmarkEncoder, seen: HandBatch) -> None:
-    none = encoder(replace(seen, confidence=None))
-    unknown = encoder(replace(seen, confidence=torch.full((6, 21), torch.nan)))
+    none = encoder.features(replace(seen, confidence=None))
+    unknown = encoder.features(replace(seen, confidence=torch.full((6, 21), torch.nan)))
     assert torch.equal(none, unknown)
-    known = encoder(seen)
+    known = encoder.features(seen)
     assert not torch.allclose(known[:5], none[:5])
     # A confidence of zero differs from an unknown confidence.
-    zero = encoder(replace(seen, confidence=torch.zeros(6, 21)))
+    zero = encoder.features(replace(seen, confidence=torch.zeros(6, 21)))
     assert not torch.allclose(zero[:5], none[:5])
 
 
 def test_without_confidence_the_features_ignore_it(seen: HandBatch) -> None:
     encoder = LandmarkEncoder(width=16, confidence=False).eval()
-    assert torch.equal(encoder(seen), encoder(replace(seen, confidence=None)))
+    assert torch.equal(encoder.features(seen), encoder.features(replace(seen, confidence=None)))
 
 
 def test_a_crop_twice_as_large_has_the_same_features(
@@ -135,7 +135,7 @@ def test_a_crop_twice_as_large_has_the_same_features(
         image=torch.zeros(6, 3, 448, 448, dtype=torch.uint8),
         landmarks_2d=2 * seen.landmarks_2d,
     )
-    assert_close(encoder(large), encoder(seen))
+    assert_close(encoder.features(large), encoder.features(seen))
 
 
 def test_dropping_all_landmarks_is_refused() -> None:

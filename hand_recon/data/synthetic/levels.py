@@ -18,6 +18,8 @@ class Level:
     """Name, for messages and the cache."""
     pose_scale: float = 1.0
     """Factor on all joint angles."""
+    independent_fingers: float = 0.0
+    """Probability of a pose whose fingers are drawn independently, rather than a gesture."""
     pose_noise: float = 4.0
     """Standard deviation of the noise on joint angles, degrees."""
     shape_deviation: float = 1.0
@@ -83,6 +85,14 @@ DIFFICULTIES: Final[dict[str, Level]] = {
         calm_background=0.05, clutter=0.5, held_object=0.3, front_object=0.3, sleeve=0.5,
         cast_shadows=0.7, blur=1.5, motion=4.0, sensor_noise=0.07, jpeg_quality=(30, 95),
         noise_visible=2.0, noise_hidden=(4.0, 8.0), outliers=0.02, missing=0.05,
+    ),
+    # Beside photographs: any pose from any side, cut and lit as photographs of hands are.
+    "any_pose": Level(
+        "any_pose", independent_fingers=0.7, cone=180.0, roll=60.0, focal=(400.0, 1200.0),
+        principal_x=(90.0, 134.0), principal_y=(90.0, 134.0), fill=(0.58, 0.75), shift=0.05,
+        calm_background=0.3, clutter=0.3, held_object=0.1, front_object=0.1, sleeve=0.5, cast_shadows=0.5,
+        blur=1.5, motion=2.0, sensor_noise=0.04, jpeg_quality=(40, 95), noise_visible=0.0,
+        noise_hidden=(0.0, 0.0),
     ),
 }  # fmt: skip
 """Levels by name, from palms in front of plain walls to all viewpoints in clutter."""

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from hand_recon.camera import project_array
 from hand_recon.data.synthetic.gestures import sample_pose
+from hand_recon.data.synthetic.independent import independent_pose
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
 from hand_recon.data.synthetic.objects import front_object, held_object
 from hand_recon.data.synthetic.painter import render_image
@@ -139,15 +140,13 @@ def _view_and_scene(recipe: Recipe, index: int) -> tuple[SyntheticView, _Scene]:
 def _sample_hand(
     recipe: Recipe, index: int
 ) -> tuple[Float[np.ndarray, "joint=15 axis=3"], Float[np.ndarray, " direction=10"], HandGeometry]:
-    """Draw a shape and a pose; of `_TRIES` poses, the first without penetration or the least bad is taken."""
+    """Draw a shape and a pose: the first of `_TRIES` poses without penetration, or the least bad."""
     random = recipe.random(index, "pose")
     spread = recipe.level.shape_deviation * (1.25 if recipe.held_out else 1.0)
     shape = np.clip(recipe.random(index, "shape").normal(scale=spread, size=10), -3, 3)
     model, least = _model(recipe.landmark_set), np.inf
     for _ in range(_TRIES):
-        tried = recipe.level.pose_scale * sample_pose(
-            random, held_out=recipe.held_out, noise=recipe.level.pose_noise
-        )
+        tried = _sample_angles(recipe, random)
         with torch.no_grad():
             hand = model(torch.from_numpy(tried).float(), torch.from_numpy(shape).float())
         overlap = deepest_overlap(hand.landmarks.numpy())
@@ -156,6 +155,16 @@ def _sample_hand(
         if overlap < _OVERLAP_ALLOWED:
             break
     return angles, shape, geometry
+
+
+def _sample_angles(
+    recipe: Recipe, random: np.random.Generator
+) -> Float[np.ndarray, "joint=15 axis=3"]:
+    level = recipe.level
+    # No draw where the level has no such poses: the images of the other levels stay the same.
+    if level.independent_fingers and random.random() < level.independent_fingers:
+        return independent_pose(random)
+    return level.pose_scale * sample_pose(random, held_out=recipe.held_out, noise=level.pose_noise)
 
 
 def scene_surfaces(
