@@ -101,7 +101,7 @@ def test_every_imported_package_is_a_declared_dependency() -> None:
     providers = importlib.metadata.packages_distributions()
     for file in (ROOT / "hand_recon").rglob("*.py"):
         for name in imported_packages(file) - sys.stdlib_module_names - {"hand_recon"}:
-            distributions = {canonicalize_name(found) for found in providers.get(name, [])}
+            distributions = {canonicalize_name(found) for found in providers.get(name, [name])}
             assert distributions & declared, f"{file.relative_to(ROOT)} imports {name}"
 
 

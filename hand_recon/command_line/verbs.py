@@ -57,7 +57,7 @@ VERBS: Final = {
             "hand_recon.runs.predict_run:predict", (),
             (
                 "output", "camera", "detector.landmarks", "detector.boxes", "detector.models", "lifter",
-                "hand.path",
+                "ckpt", "hand.path",
             ),
             "input",
         ),
@@ -69,7 +69,7 @@ VERBS: Final = {
         Verb(
             "train", MODELS, "train, test the best checkpoint, draw a report",
             "hand_recon.runs.training_run:train", (),
-            ("resume", "model.encoder.weights", *DATA_PATHS),
+            ("resume", "start_from", "model.encoder.weights", *DATA_PATHS),
         ),
         Verb(
             "evaluate", MODELS, "test a checkpoint on its own data or on another dataset",
@@ -93,8 +93,12 @@ VERBS: Final = {
             "hand_recon.runs.diagnosis:doctor_command", ("folder",), ("dexycb", "mano"),
         ),
         Verb(
-            "prepare", DATA, "fetch the detector, convert MANO, fill caches, check labels",
-            "hand_recon.runs.preparation:prepare", ("task", "source"), ("folder", *DATA_PATHS),
+            "prepare", DATA, "label photographs, fetch the detector, convert MANO, fill caches, check labels",
+            "hand_recon.runs.preparation:prepare", ("task", "source"),
+            (
+                "folder", "images", "output", "detector.landmarks", "detector.boxes", "detector.models",
+                *DATA_PATHS,
+            ),
         ),
     )
 }  # fmt: skip

@@ -11,7 +11,7 @@ from hand_recon.schema import CropMotion, HandBatch
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an encoder knows about each hand of a batch."""
+    """Evidence about each hand of a batch: features and, perhaps, landmarks."""
 
     features: Float[Tensor, "batch feature"]
     """Input of the regressor."""
