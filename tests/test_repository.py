@@ -94,9 +94,10 @@ def imported_packages(file: Path) -> set[str]:
 
 def test_every_imported_package_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    # What training, the detector and HEIC images need besides are extras of their own.
+    # What training, the detector, HEIC images and backbones need besides are extras of their own.
     extras = project["optional-dependencies"]
-    lines = [*project["dependencies"], *extras["train"], *extras["detect"], *extras["heif"]]
+    used = ("train", "detect", "heif", "backbone", "timm")
+    lines = [*project["dependencies"], *(line for name in used for line in extras[name])]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
     providers = importlib.metadata.packages_distributions()
     for file in (ROOT / "hand_recon").rglob("*.py"):
