@@ -5,7 +5,6 @@ import zlib
 from collections.abc import Callable, Iterator, Sized
 from typing import Protocol, runtime_checkable
 
-import cv2
 import lightning
 import torch
 from jaxtyping import Float
@@ -291,6 +290,9 @@ class SeededShuffle(EpochSampler):
 
 def limit_threads(worker: int) -> None:
     """Limit each loading process to one thread: more threads than cores are slower."""
+    # Imported here, so that a training from decoded images needs no OpenCV.
+    import cv2
+
     del worker
     torch.set_num_threads(1)
     cv2.setNumThreads(0)

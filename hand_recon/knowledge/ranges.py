@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import torch
 from jaxtyping import Float
-from omegaconf import OmegaConf
 from torch import Tensor
 
 from hand_recon.hand.skeleton import ARTICULATED, AXES
@@ -68,7 +67,7 @@ def load_ranges(
             the hand's rest pose was not given.
     """
     path = table_path(name_or_path)
-    table: Any = OmegaConf.to_container(OmegaConf.load(path))
+    table = _read(path)
     if not isinstance(table, dict) or not isinstance(table.get("joints"), dict):
         raise ValueError(
             f"{path} has no `joints:` section; tables/literature.yaml beside this module shows the form."
@@ -80,6 +79,17 @@ def load_ranges(
     if _reference(path, table) == "template":
         bounds = bounds + _template(path, table, rest_angles)[..., None]
     return RangeOfMotion(lower=bounds[..., 0], upper=bounds[..., 1])
+
+
+def _read(path: Path) -> Any:  # noqa: ANN401  # any YAML
+    """Content of a YAML file, read by OmegaConf, or by PyYAML on a machine for training without it."""
+    try:
+        from omegaconf import OmegaConf
+    except ModuleNotFoundError:
+        import yaml
+
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    return OmegaConf.to_container(OmegaConf.load(path))
 
 
 def _template(

@@ -9,7 +9,6 @@ from urllib.error import URLError
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torchvision import models
 
 from hand_recon.regressor.efficientnet_lite import (
     MEAN,
@@ -196,6 +195,9 @@ def build_backbone(name: str, weights: str = "imagenet", frozen: int = 0) -> Bac
 
 def _torchvision(name: str, weights: str) -> nn.Sequential:
     """Layers of one of torchvision's networks without its classifier."""
+    # Imported here, so that the other backbones do not need it.
+    from torchvision import models
+
     network = models.get_model(name, weights=None)
     if weights != "none":
         network.load_state_dict(
@@ -232,6 +234,8 @@ def _read(name: str, weights: str) -> dict[str, Tensor]:
 
 
 def _downloaded(name: str) -> dict[str, Tensor]:
+    from torchvision import models
+
     source = models.get_model_weights(name).DEFAULT
     try:
         return dict(source.get_state_dict(progress=False, check_hash=True))
