@@ -78,6 +78,16 @@ class HandParameters(_TensorRecord):
 
 
 @dataclass(frozen=True)
+class HandEstimate(_TensorRecord):
+    """A network's estimate of a hand, from which a fit can start."""
+
+    parameters: HandParameters
+    """Parameters of the right hand, or of the right hand that mirrors a left one, camera frame."""
+    log_sigma: Float[Tensor, "*batch landmark=21 2"]
+    """log σ of each coordinate, σ in pixels of the landmarks beside it."""
+
+
+@dataclass(frozen=True)
 class HandGeometry(_TensorRecord):
     """A posed hand, all points in one frame."""
 
@@ -147,6 +157,9 @@ class HandBatch(_TensorRecord):
     """Detector confidence of each landmark, 0 to 1; NaN where unknown."""
     mirrored: Bool[Tensor, " batch"] | None = None
     """True for samples that are mirrored from a left hand; None if none is."""
+    estimate: HandEstimate | None = None
+    """A network's estimate of each hand in the camera of the crop, for fits that start from it; None without
+    one."""
 
     def __len__(self) -> int:
         return int(self.landmarks_2d.shape[0])

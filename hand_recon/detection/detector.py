@@ -18,7 +18,8 @@ class DetectedHand:
     """
 
     landmarks_2d: Float[np.ndarray, "landmark=21 2"]
-    """Landmarks, pixels of the image: MediaPipe's normalised coordinates times width and height."""
+    """Landmarks, pixels of the image: MediaPipe's normalised coordinates times width and height; NaN for one
+    that is missing."""
     side: Side
     """Side of the hand if the image is not mirrored."""
     score: float | None
@@ -38,6 +39,9 @@ class DetectedHand:
     """Confidence of each landmark, 0 to 1; none without one."""
     sigma: Float[np.ndarray, "landmark=21"] | None = None
     """Standard deviation of each landmark, pixels of the image; none without one."""
+    box: Float[np.ndarray, "4"] | None = None
+    """Left, top, right and bottom of a box that was given for the hand, pixels of the image; none without
+    one."""
 
 
 @dataclass(frozen=True)

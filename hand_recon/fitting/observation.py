@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.camera import default_intrinsics
-from hand_recon.schema import REFERENCE_SIZE, HandBatch
+from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandEstimate
 
 UNKNOWN_SIGMA: Final = 3.0
 """σ of a landmark without σ or confidence, pixels of a 224-pixel crop."""
@@ -32,6 +32,8 @@ class Observation:
     """Camera matrix of the crop, pixels."""
     sigma: Float[Tensor, "hand landmark=21"] | None = None
     """Standard deviation of each landmark, pixels of the crop; NaN where unknown."""
+    estimate: HandEstimate | None = None
+    """A network's estimate of each hand, camera frame and σ in pixels of the crop; None without one."""
 
     def __len__(self) -> int:
         return len(self.landmarks_2d)
@@ -40,7 +42,11 @@ class Observation:
         """The observation of some of the hands."""
         sigma = None if self.sigma is None else self.sigma[hands]
         return Observation(
-            self.landmarks_2d[hands], self.labelled[hands], self.intrinsics[hands], sigma
+            self.landmarks_2d[hands],
+            self.labelled[hands],
+            self.intrinsics[hands],
+            sigma,
+            None if self.estimate is None else self.estimate.select(hands),
         )
 
     def log_sigma(self) -> Float[Tensor, "hand landmark=21 2"]:
@@ -105,4 +111,4 @@ def observed(
     if sigma is not None:
         # With a σ of a hundredth of a pixel the data term would outweigh the prior.
         sigma = sigma.clamp(*SIGMA_BOUNDS)
-    return Observation(batch.landmarks_2d, batch.labelled, camera, sigma)
+    return Observation(batch.landmarks_2d, batch.labelled, camera, sigma, batch.estimate)

@@ -130,12 +130,14 @@ def source_of(config: DictConfig, hand: HandModel, before: str = "landmarks") ->
     Args:
         config: Configuration of the fit.
         hand: The hand that is fitted.
-        before: Step that gave the landmarks.
+        before: Steps that gave the landmarks.
     """
-    step = "fit"
+    steps = [before]
     if names_lifter(config.lifter):
-        step = "lifter, fit" if config.descent.steps else "lifter"
-    return Origin(source=f"{before}, {step}", hand_model=hand.name)
+        steps.append("lifter")
+    if config.descent.steps:
+        steps.append("fit")
+    return Origin(source=", ".join(steps), hand_model=hand.name)
 
 
 def file_origins(landmarks: ImageLandmarks, origin: Origin) -> tuple[Origin, ...]:

@@ -1,5 +1,6 @@
 """Builds the fit that a configuration describes: its loss, its starts and its hand (Sec. 3.4)."""
 
+from collections.abc import Callable
 from functools import partial
 
 from omegaconf import DictConfig
@@ -7,10 +8,12 @@ from omegaconf import DictConfig
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.descent import fit as descend
 from hand_recon.fitting.descent import with_possible_solver
+from hand_recon.fitting.estimated import estimated_hands, estimated_start
 from hand_recon.fitting.in_parts import Fitter
 from hand_recon.fitting.lift import lift
 from hand_recon.fitting.objective import Fitted, Objective
-from hand_recon.fitting.observation import observed
+from hand_recon.fitting.observation import Observation, observed
+from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_prior, instantiate
 from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
@@ -73,17 +76,22 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
 
     Raises:
         ValueError: The data term needs correlations, which a fit cannot estimate; or no steps are asked for
-            without a lifter.
+            without a lifter or a checkpoint.
     """
     objective = build_objective(config, hand)
     descent = with_possible_solver(instantiate(config.descent), objective)
-    further = None
-    if descent.steps == 0 and not names_lifter(config.lifter):
+    further: Callable[[Observation], Start] | None = None
+    of_network = config.get("ckpt") is not None
+    if descent.steps == 0 and not names_lifter(config.lifter) and not of_network:
         raise ValueError(
             "Found descent.steps=0, which makes a lifter's prediction the result, and no lifter. Add "
             "lifter=default or a lifter of your own, or leave descent.steps out."
         )
-    if names_lifter(config.lifter):
+    if of_network:
+        if descent.steps == 0:
+            return lambda batch: Fitted(estimated_hands(observed(batch), hand), {})
+        further = partial(estimated_start, hand=hand.landmarks_only())
+    elif names_lifter(config.lifter):
         regressor = load_named(config.lifter, hand)
         if descent.steps == 0:
             check_result(regressor, hand, config.lifter)

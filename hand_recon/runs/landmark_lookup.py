@@ -4,7 +4,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from omegaconf import DictConfig
 
 from hand_recon.data.landmarks.files import read_landmarks
@@ -104,4 +104,11 @@ class FileLandmarks:
             side_score=1.0,
             confidence=None if landmarks.confidence is None else landmarks.confidence[hand].numpy(),
             sigma=None if landmarks.sigma is None else landmarks.sigma[hand].numpy(),
+            box=_box_of(landmarks, hand),
         )
+
+
+def _box_of(landmarks: ImageLandmarks, hand: int) -> Float[np.ndarray, "4"] | None:
+    """Box that a file gives for a hand; None without one."""
+    boxes = landmarks.hand_boxes
+    return None if boxes is None or not bool(boxes[hand].isfinite().all()) else boxes[hand].numpy()

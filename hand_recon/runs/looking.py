@@ -19,7 +19,11 @@ from hand_recon.detection.detector import DetectedHand, Detector
 from hand_recon.fitting.origin import Origin
 from hand_recon.fitting.photo_camera import CameraChoice, with_given_camera
 from hand_recon.runs.configuration import instantiate
+from hand_recon.runs.given_boxes import GivenBoxes, WholeImages
 from hand_recon.runs.landmark_lookup import FileLandmarks
+from hand_recon.runs.photo_checkpoint import gives_boxes_alone
+from hand_recon.runs.photo_network import PhotoNetwork
+from hand_recon.schema import HandEstimate
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +46,8 @@ class LookedAt:
     """Camera matrix, pixels; None if the photograph could not be read."""
     camera_source: str = "assumed"
     """Source of the camera matrix."""
+    estimate: HandEstimate | None = None
+    """A network's estimate of each hand, σ in pixels; None without a network or without hands."""
     error: str | None = None
     """Reason why the photograph could not be processed; None if it was."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -53,7 +59,13 @@ class LookedAt:
 
 
 def look_at_file(
-    number: int, name: str, path: Path, detector: Detector, camera: CameraChoice
+    number: int,
+    name: str,
+    path: Path,
+    detector: Detector,
+    camera: CameraChoice,
+    *,
+    network: PhotoNetwork | None = None,
 ) -> LookedAt:
     """Read a photograph and find its hands; what is wrong with it is logged and returned, not raised.
 
@@ -63,6 +75,7 @@ def look_at_file(
         path: The file.
         detector: Finds the hands.
         camera: How its camera is determined.
+        network: Looks at the hands, and finds landmarks where the detector has none.
     """
     start = time.perf_counter()
     try:
@@ -73,13 +86,19 @@ def look_at_file(
         return LookedAt(number, name, path, error=reason)
     for note in photo.notes:
         logger.info("%s: %s", name, note)
-    found = look_at(number, name, photo, detector, camera)
+    found = look_at(number, name, photo, detector, camera, network=network)
     read = time.perf_counter() - start - found.seconds.get("detect", 0.0)
     return replace(found, seconds={"read": read, **found.seconds})
 
 
 def look_at(
-    number: int, name: str, photo: Photo, detector: Detector, camera: CameraChoice
+    number: int,
+    name: str,
+    photo: Photo,
+    detector: Detector,
+    camera: CameraChoice,
+    *,
+    network: PhotoNetwork | None = None,
 ) -> LookedAt:
     """Find the hands of a photograph; arguments as for `look_at_file`."""
     start = time.perf_counter()
@@ -94,11 +113,36 @@ def look_at(
         logger.log(logging.INFO if found.hands else logging.WARNING, "%s: %s", name, sentence)
     seen = LookedAt(number, name, photo.path, photo.size, found.hands, seconds=seconds)
     try:
-        return _with_camera(seen, photo, camera)
+        if network is None or not seen.hands:
+            return _with_camera(seen, photo, camera)
+        found_by = _seen_by(network, seen, photo, camera)
     except ValueError as error:
         reason = f"{error} {photo.focal_note or ''}".strip()
         logger.error("%s: %s", name, reason)
         return replace(seen, hands=(), error=reason)
+    # Finding a hand is what the detector and the network do together.
+    return found_by.with_time("detect", time.perf_counter() - start)
+
+
+def _seen_by(network: PhotoNetwork, seen: LookedAt, photo: Photo, camera: CameraChoice) -> LookedAt:
+    """Give a photograph its camera and its hands a network's estimate.
+
+    Raises:
+        ValueError: As of `_with_camera`, or the network's numbers are not finite.
+    """
+    hands, found = network.find(photo.pixels, seen.hands)
+    placed = _with_camera(replace(seen, hands=hands), photo, camera)
+    if placed.camera is None:
+        raise AssertionError
+    # Crops and landmarks in them are those of the photograph as it is, with its lens distortion.
+    hands, estimate = network.place(photo.pixels, hands, found, placed.camera)
+    if camera.cameras is None or not found:
+        hands = tuple(
+            after if place in found else before
+            for place, (before, after) in enumerate(zip(placed.hands, hands, strict=True))
+        )
+        return replace(placed, hands=hands, estimate=estimate)
+    return replace(_with_camera(replace(seen, hands=hands), photo, camera), estimate=estimate)
 
 
 def _with_camera(seen: LookedAt, photo: Photo, camera: CameraChoice) -> LookedAt:
@@ -159,6 +203,7 @@ def to_landmarks(
         image_sizes=torch.tensor([one.size for one, _ in pairs], dtype=torch.float64).reshape(
             -1, 2
         ),
+        estimate=_joined([one.estimate for one in looked if one.hands]),
     )
     origins = tuple(
         replace(
@@ -167,6 +212,12 @@ def to_landmarks(
         for one, hand in pairs
     )
     return landmarks, origins
+
+
+def _joined(estimates: Sequence[HandEstimate | None]) -> HandEstimate | None:
+    """Estimates of all hands; None without a network."""
+    known = [one for one in estimates if one is not None]
+    return HandEstimate.join(known) if known and len(known) == len(estimates) else None
 
 
 def _column(
@@ -184,13 +235,34 @@ def _column(
 def build_detector(config: DictConfig) -> Detector:
     """Build the detector of a configuration, and say which landmarks it needs if it lacks them.
 
+    Beside a network, boxes and whole images are looked at by that network alone.
+
     Raises:
-        ValueError: `detector=landmarks` without a file.
+        ValueError: `detector=landmarks` without a file, or a hand whose side nobody gives.
     """
+    if gives_boxes_alone(config):
+        return _boxes_alone(config)
     if config.detector.get("_target_") is not None:
         detector: Detector = instantiate(config.detector)
         return detector
     return FileLandmarks.from_config(config.detector)
+
+
+def _boxes_alone(config: DictConfig) -> Detector:
+    """Detector of boxes without landmarks."""
+    if "boxes" not in config.detector:
+        return WholeImages(config.side)
+    return GivenBoxes(config.detector.boxes, config.detector.min_side, config.side)
+
+
+def steps_before(detector: Detector, network: PhotoNetwork | None) -> str:
+    """Steps before a fit, in the words of `Origin.source`.
+
+    Args:
+        detector: Found the hands.
+        network: Looked at them; None for none.
+    """
+    return detector.name if network is None else f"{detector.name}, {network.name}"
 
 
 def photo_names(files: Sequence[Path]) -> list[str]:

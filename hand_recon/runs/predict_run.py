@@ -26,8 +26,11 @@ from hand_recon.runs.looking import (
     build_detector,
     look_at_file,
     photo_names,
+    steps_before,
     to_landmarks,
 )
+from hand_recon.runs.photo_checkpoint import checkpoint_file, with_network
+from hand_recon.runs.photo_network import PhotoNetwork
 from hand_recon.runs.photo_results import PHOTO_PRODUCTS, PhotoResults
 from hand_recon.runs.unfinished import (
     MARK,
@@ -72,7 +75,8 @@ def predict(config: DictConfig) -> dict[str, Any]:
             f"json={config.json} is not supported; json=- writes the hands to standard output, and "
             "output=<folder> writes hands.json there."
         )
-    stages = _Stages(config, files)
+    config, network = with_network(config)
+    stages = _Stages(config, files, network)
     if config.json == "-" and config.output is None:
         summary = _to_stream(stages)
     else:
@@ -113,8 +117,10 @@ def _without_results(files: Sequence[Path], output: str | None) -> list[Path]:
 class _Stages:
     """The detector and the fit of a command, and the photographs that they are run on."""
 
-    def __init__(self, config: DictConfig, files: Sequence[Path]) -> None:
-        self.config = config
+    def __init__(
+        self, config: DictConfig, files: Sequence[Path], network: PhotoNetwork | None
+    ) -> None:
+        self.config, self.network = config, network
         self.files = list(files)
         # Names that are not UTF-8 could not be written.
         self.names = [
@@ -124,14 +130,16 @@ class _Stages:
         self.detector = build_detector(config)
         self.hand = build_hand(config)
         self.fitter = build_fitter(config, self.hand)
-        self.origin = source_of(config, self.hand, self.detector.name)
+        self.origin = source_of(config, self.hand, steps_before(self.detector, network))
 
     def looked_at(self, done: frozenset[str] = frozenset()) -> Iterator[LookedAt]:
         """Find the hands of each photograph that is not done yet."""
         numbered = [one for one in enumerate(self.files) if self.names[one[0]] not in done]
         task = f"Reconstructing the hands of {len(numbered)} images"
         for number, path in with_progress(numbered, len(numbered), task):
-            yield look_at_file(number, self.names[number], path, self.detector, self.camera)
+            yield look_at_file(
+                number, self.names[number], path, self.detector, self.camera, network=self.network
+            )
 
     def fitted(
         self, done: frozenset[str] = frozenset()
@@ -185,6 +193,9 @@ def _to_folder(stages: _Stages, config: DictConfig) -> dict[str, Any]:
     folder = results_folder(config)
     settings = settings_of(config, _FILES)
     settings["images"] = [file_state(path) for path in stages.files]
+    if config.ckpt is not None:
+        # Of a run's folder, whose own state does not tell whether the checkpoint changed.
+        settings["files"]["ckpt"] = file_state(checkpoint_file(config.ckpt))
     options = instantiate(config.results)
     goes_on = claim_or_resume(folder, (*PHOTO_PRODUCTS, "config.yaml"), settings)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")

@@ -23,12 +23,14 @@ from hand_recon.runs.looking import (
     look_at,
     photo_names,
     photo_of_array,
+    steps_before,
     to_landmarks,
 )
+from hand_recon.runs.photo_checkpoint import gives_boxes_alone, with_network
 from hand_recon.runs.reconstructed_hands import ReconstructedHands, image_inputs
 
 COMMAND_ONLY: Final = frozenset(
-    {"camera", "input", "json", "name", "output", "results", "strict", "threads"}
+    {"camera", "ckpt", "input", "json", "name", "output", "results", "strict", "threads"}
 )
 """Settings of `hand-recon predict` that `reconstruct` does not read."""
 
@@ -37,6 +39,7 @@ def reconstruct(
     images: Any,  # noqa: ANN401  # a file, an array, or several
     *,
     camera: Any = "auto",  # noqa: ANN401
+    ckpt: str | Path | None = None,
     overrides: Sequence[str] = (),
 ) -> ReconstructedHands:
     """Find the hands of photographs and reconstruct them with knowledge of hands (Sec. 3.2-3.4).
@@ -45,9 +48,12 @@ def reconstruct(
         images: A file, an RGB array (height × width × 3, bytes), an image of Pillow, or a list of these.
         camera: `auto` (EXIF's focal length, else assumed), `exif`, `assumed`, `fov=<degrees>`, a file of
             camera matrices, or a matrix: 3 × 3, or one per image.
+        ckpt: Run's folder or checkpoint of a network that looks at the hands (`hand-recon train
+            recipe=photos`); none for landmarks alone.
         overrides: Settings of `hand-recon predict`, such as `detector=whole` or `detector.max_hands=1`.
 
     Raises:
+        FileNotFoundError: There is no such checkpoint.
         ValueError: An image cannot be read, or an argument is not as above.
     """
     check_overrides(overrides, COMMAND_ONLY, "reconstruct")
@@ -57,16 +63,20 @@ def reconstruct(
     choice = _camera(camera, len(photos))
     with torch.inference_mode(False), torch.enable_grad():
         config = adapted_to_data(composed("predict", ["input=[]", *overrides]))
+        config.ckpt = None if ckpt is None else str(ckpt)
+        config, network = with_network(config)
         hand = build_hand(config)
         with_file = {"boxes", "landmarks"} & set(config.detector)
         # One with a file of its own is read anew: the file may have changed.
-        detector = build_detector(config) if with_file else _detector(tuple(overrides))
+        own = with_file or gives_boxes_alone(config)
+        detector = build_detector(config) if own else _detector(tuple(overrides))
         looked = [
-            look_at(number, name, photo, detector, choice)
+            look_at(number, name, photo, detector, choice, network=network)
             for number, (name, photo) in enumerate(zip(names, photos, strict=True))
         ]
         _refuse_errors(looked)
-        landmarks, origins = to_landmarks(looked, source_of(config, hand, detector.name))
+        origin = source_of(config, hand, steps_before(detector, network))
+        landmarks, origins = to_landmarks(looked, origin)
         parts = tuple(fit_in_parts(landmarks, fitter_of(config, hand, landmarks), origins=origins))
     owners = tuple(one.number for one in looked for _ in one.hands)
     return ReconstructedHands(

@@ -22,10 +22,10 @@ def test_an_interrupted_command_goes_on_where_it_was(
     real = looking.look_at_file
     looks = itertools.count()
 
-    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
+    def interrupted(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401
         if next(looks) == 2:
             raise KeyboardInterrupt
-        return real(*arguments)
+        return real(*arguments, **options)
 
     monkeypatch.setattr(predict_run, "look_at_file", interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -55,10 +55,10 @@ def test_a_second_interruption_loses_nothing(folder: Path, monkeypatch: pytest.M
     real, stop = looking.look_at_file, {0, 1, 3}
     looks = itertools.count()
 
-    def interrupted(*arguments: Any) -> Any:  # noqa: ANN401
+    def interrupted(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401
         if next(looks) in stop:
             raise KeyboardInterrupt
-        return real(*arguments)
+        return real(*arguments, **options)
 
     monkeypatch.setattr(predict_run, "look_at_file", interrupted)
     for _ in range(3):
@@ -79,7 +79,7 @@ def test_another_camera_file_does_not_go_on_with_the_results_of_the_first(
 ) -> None:
     (folder / "photos" / "4 cut off.png").unlink()
     monkeypatch.setattr(
-        predict_run, "look_at_file", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+        predict_run, "look_at_file", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt)
     )
     with pytest.raises(KeyboardInterrupt):
         predict(asked(folder))

@@ -3,7 +3,7 @@
 Batched form of `hand_recon.data.crop`, with the same squares, matrices and cameras.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -17,7 +17,13 @@ from hand_recon.data.landmarks.image_landmarks import (
     mirror_matrices,
     move_points,
 )
-from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandParameters, HandPrediction
+from hand_recon.schema import (
+    REFERENCE_SIZE,
+    HandBatch,
+    HandEstimate,
+    HandParameters,
+    HandPrediction,
+)
 
 
 @dataclass(frozen=True)
@@ -62,8 +68,17 @@ def to_crops(landmarks: ImageLandmarks, expansion: float = 1.5) -> LandmarkCrops
         intrinsics=None if intrinsics is None else (crop @ intrinsics).float(),
         label_noise=None if sigma is None else (sigma * scale[:, None]).float(),
         confidence=None if confidence is None else confidence.float(),
+        estimate=_scaled(right.estimate, scale),
     )
     return LandmarkCrops(batch, crop @ mirror_matrices(landmarks, landmarks.left), landmarks.left)
+
+
+def _scaled(estimate: HandEstimate | None, scale: Float[Tensor, " hand"]) -> HandEstimate | None:
+    """An estimate whose σ are in pixels of crops in place of images."""
+    if estimate is None:
+        return None
+    log_sigma = estimate.log_sigma + scale.log()[:, None, None]
+    return replace(estimate, log_sigma=log_sigma).to(torch.float32)
 
 
 def _crop_matrices(landmarks: ImageLandmarks, expansion: float) -> Float[Tensor, "hand 3 3"]:

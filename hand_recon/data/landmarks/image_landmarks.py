@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from hand_recon.schema import HandEstimate
+
 FEWEST: Final = 4
 """Smallest number of labelled landmarks that determine a hand's position and size."""
 
@@ -42,6 +44,8 @@ class ImageLandmarks:
     """True for labelled landmarks that cannot be seen; None if the file does not specify it."""
     image_sizes: Float[Tensor, "hand 2"] | None = None
     """Width and height of each hand's image as the file gives them, pixels; NaN where unknown."""
+    estimate: HandEstimate | None = None
+    """A network's estimate of each hand, σ in pixels of the image; of the mirrored hand for a left one."""
 
     def __post_init__(self) -> None:
         if not self.images:
@@ -82,6 +86,9 @@ class ImageLandmarks:
             hand_boxes=None if self.hand_boxes is None else self.hand_boxes[chosen],
             occluded=None if self.occluded is None else self.occluded[chosen],
             image_sizes=None if self.image_sizes is None else self.image_sizes[chosen],
+            estimate=None
+            if self.estimate is None
+            else self.estimate.select(torch.tensor(chosen).long()),
         )
 
     def parts(self, size: int) -> Iterator["ImageLandmarks"]:
