@@ -102,7 +102,7 @@ def run(options: argparse.Namespace, began: float) -> int:
         "rows": {},
     }
     session.say(f"{session.report['device']}, PyTorch {torch.__version__}")
-    files = _files(session)
+    files = files_of(session)
     rows = list(options.rows)
     for number, row in enumerate(rows):
         entry = session.report["rows"][f"row{row}"] = {}
@@ -111,7 +111,7 @@ def run(options: argparse.Namespace, began: float) -> int:
         try:
             if seconds < LEAST:
                 raise TimeoutError(f"{seconds:.1f} s are left for this row.")
-            _train(session, files, row, seconds)
+            train(session, files, row, seconds)
         except Exception as error:  # noqa: BLE001  # The other rows may do without what has failed here.
             entry["failed"] = f"{type(error).__name__}: {error}"
             session.say(f"row {row} failed: {entry['failed']}\n{traceback.format_exc()}")
@@ -120,7 +120,15 @@ def run(options: argparse.Namespace, began: float) -> int:
     return int(any("failed" in entry for entry in session.report["rows"].values()))
 
 
-def _files(session: Session) -> Files:
+def files_of(session: Session) -> Files:
+    """Load all hands into the device's memory, rendering beside.
+
+    Args:
+        session: The run.
+
+    Raises:
+        FileNotFoundError: There are no packed hands.
+    """
     options, device = session.options, session.device
     folder: Path = options.folder
     packed = read_packed(folder / HANDS)
@@ -186,7 +194,7 @@ def build(session: Session, row: int, landmark_set: str) -> HandReconstruction:
     return module
 
 
-def _train(session: Session, files: Files, row: int, seconds: float) -> None:
+def train(session: Session, files: Files, row: int, seconds: float) -> None:
     """Train, score and save a row."""
     options, began = session.options, time.monotonic()
     entry = session.report["rows"][f"row{row}"]
