@@ -35,10 +35,13 @@ def crop_policy(trained: DictConfig) -> CropPolicy:
     1.5 times the hand's box, which is how large rendered hands are; a note says so for whole images.
 
     Args:
-        trained: Configuration of the training. Of a mixture, the first part with such crops counts.
+        trained: Configuration of the training. Of a mixture, the part that is scored counts if it has such
+            crops, else the first that has.
     """
-    parts = [trained.data, *trained.data.get("parts", {}).values()]
-    found = [part.crop for part in parts if part is not None and part.get("crop") is not None]
+    parts = trained.data.get("parts", {})
+    scored = parts.get(trained.data.get("score_on"))
+    several = [trained.data, scored, *parts.values()]
+    found = [part.crop for part in several if part is not None and part.get("crop") is not None]
     for crop in found:
         if crop.around in ABOUT_HANDS:
             around = "joints" if crop.around == "mask" else crop.around

@@ -3,54 +3,58 @@
 from pathlib import Path
 
 import torch
-from lightning.pytorch import seed_everything
 from omegaconf import open_dict
 
 from hand_recon import __version__
 from hand_recon.regressor.lifter_file import fingerprint
+from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.building import build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY, MEAN_POSE_KEY, VERSION_KEY
 from hand_recon.runs.configuration import plain
 from tests.support.configurations import composed
 
+LABELS = ("data=landmarks", "data.train=labels.json", "data.landmark_set=mediapipe")
+"""Data of training: photographs with landmarks as MediaPipe places them."""
+
 PHOTOS = (
-    "recipe=photos", "data.train=labels.json", "model.encoder.weights=none", "model.width=32",
-    "model.encoder.landmarks.width=32", "model.encoder.width=16", "model.encoder.map_width=8", "crop_size=64",
-    "start_from=none",
+    *LABELS, "model=photos", "model.encoder.weights=none", "model.width=32",
+    "model.encoder.landmarks.width=32",
+    "model.encoder.width=16", "model.encoder.map_width=8", "crop_size=64",
 )  # fmt: skip
-"""A network of `recipe=photos` on crops of 64 pixels."""
+"""A network that sees crops of 64 pixels, and landmarks."""
 
 IMAGES = (
-    "data=landmarks", "data.train=labels.json", "model=resnet18", "model.width=32", "crop_size=48",
-    "model.encoder.backbone=mobilenet_v3_small", "model.encoder.weights=none", "data.landmark_set=mediapipe",
+    *LABELS, "model=resnet18", "model.encoder.backbone=mobilenet_v3_small", "model.encoder.weights=none",
+    "model.width=32", "crop_size=48",
 )  # fmt: skip
-"""A network that sees the crop alone, of 48 pixels."""
+"""A network that sees crops of 48 pixels alone."""
 
 LIFTER = ("recipe=lifter", "model.width=16", "data.landmark_set=mediapipe")
 """A lifter."""
 
 
-def write_run(folder: Path, *overrides: str, spread: float = 1.0) -> Path:
+def write_run(folder: Path, *overrides: str, sharpness: float = 1.0) -> Path:
     """Write the folder of a run whose best checkpoint has random weights.
 
     Args:
         folder: The folder, which is made.
         overrides: Of `conf/train.yaml`.
-        spread: Factor of the last weights: 1 leaves every hand near the mean one; larger ones move the
-            predictions with the input.
+        sharpness: Factor of the maps that landmarks are found by: with 1, all are found near the middle of
+            the crop; with a large one, each is found at a place of its own.
     """
-    config = composed(
-        *overrides, "optimizer.fused=false" if "recipe=photos" in overrides else "seed=0"
-    )
+    config = composed(*overrides)
     with open_dict(config):
         del config["hydra"]
         config.paths = {"cache": "cache", "output": "output", "run": "run"}
-    seed_everything(3, verbose=False)
-    module = build_module(config)
-    with torch.no_grad():
-        for name in ("joint_angles", "root", "camera", "shape", "log_sigma"):
-            decoder = module.regressor.decoders[name]
-            decoder.weight.normal_(0.0, 0.02 * spread)
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        module = build_module(config)
+        with torch.no_grad():
+            for decoder in module.regressor.decoders.values():
+                # Predictions that differ from hand to hand.
+                decoder.weight.normal_(0.0, 0.02)
+            if isinstance(module.regressor.encoder, PhotoEncoder):
+                module.regressor.encoder.maps.maps[0].weight.mul_(sharpness)
     (folder / "checkpoints").mkdir(parents=True)
     torch.save(
         {
