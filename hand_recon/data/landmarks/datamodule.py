@@ -9,6 +9,7 @@ from torch import Tensor
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
 from hand_recon.data.image_datamodule import ImageDataModule
+from hand_recon.data.landmarks.exchanged import WithExchangedFingers
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 
 
@@ -44,4 +45,10 @@ class LandmarkDataModule(ImageDataModule):
         return None
 
     def _split(self, split: str) -> HandDataset:
-        return self._splits.dataset(split)
+        dataset = self._splits.dataset(split)
+        if split != "train" or not self.recipe.exchanged:
+            return dataset
+        reading = self.recipe.reading
+        return WithExchangedFingers(
+            dataset, self.recipe.exchanged, reading.folder, workers=reading.workers
+        )

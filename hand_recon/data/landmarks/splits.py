@@ -55,6 +55,9 @@ class LandmarkRecipe:
     """Share of the training images for validation where no file is given; as many again for testing."""
     split_seed: int = 0
     """Seed of the split, the same for all seeds of a study."""
+    exchanged: int = 0
+    """Number of further training hands with fingers of other hands (`exchanged.py`); needs a cache
+    folder."""
     crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
     """Size and position of the crops."""
     reading: ReadingPolicy = field(default_factory=ReadingPolicy)
@@ -62,6 +65,11 @@ class LandmarkRecipe:
 
     def __post_init__(self) -> None:
         self.assumed()
+        if self.exchanged < 0 or (self.exchanged and self.reading.folder is None):
+            raise ValueError(
+                f"exchanged={self.exchanged}: such hands are made once and kept in a cache; expected 0, or more "
+                "and reading.cache_dir for their folder."
+            )
         if self.crop.around not in AROUND:
             raise ValueError(
                 f"Crops around {self.crop.around!r} need what landmark files do not have; choose one of "
