@@ -17,7 +17,8 @@ from gpu.pack import main as pack
 from gpu.rendered import Order, Renderer
 from gpu.resident import ResidentHands
 from gpu.scoring import score
-from gpu.train import main, parser
+from gpu.train import OVERDUE, main, parser
+from gpu.training import train_row
 from gpu.weights import load_weights
 from hand_recon.training.module import HandReconstruction
 from tests.tools.test_gpu_packed import hands_folder
@@ -106,21 +107,24 @@ def test_another_backbone_starts_from_random_weights_with_all_layers_learning(
     assert report["weights"] == {"backbone": "none", "frozen": 0}
 
 
+def in_new_process(program: str) -> "subprocess.CompletedProcess[str]":
+    """Result of a program in a Python that has only this repository on its path."""
+    return subprocess.run(  # noqa: S603
+        [sys.executable, "-c", program],
+        env={"PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}", "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
 def test_a_bare_machine_needs_none_of_the_modules_that_it_may_lack(
     carried: Path, tmp_path: Path
 ) -> None:
     words = [str(carried), "--out", str(tmp_path), "--rows", "1,5", *TINY, "--rendered", "8"]
-    program = (
+    done = in_new_process(
         f"import sys\nfor name in {BLOCKED}: sys.modules[name] = None\n"
         f"from gpu.train import main\nraise SystemExit(main({words}))"
-    )
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", program],
-        env={"PYTHONPATH": f"{ROOT}:{ROOT / 'tools'}", "OMP_NUM_THREADS": "1"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "No rendered hands: cv2 and embreex cannot be imported." in done.stdout
@@ -145,12 +149,44 @@ def test_a_row_that_fails_leaves_the_others(
     assert rows["row1"]["steps"] == 2
 
 
+def test_a_compiled_network_that_fails_is_trained_as_it_is(
+    carried: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain: Callable[..., object] = train_row
+    tried: list[bool] = []
+
+    def failing_once(*inputs: object) -> object:
+        tried.append(True)
+        if len(tried) == 1:
+            raise RuntimeError("no compiler for gradients here")
+        return plain(*inputs)
+
+    monkeypatch.setattr(session, "train_row", failing_once)
+    # Nothing is compiled here: that takes a minute.
+    monkeypatch.setattr(torch, "compile", lambda function, **options: function)
+    words = [str(carried), "--out", str(tmp_path), "--rows", "1,2", *TINY, "--compile"]
+    assert main([*words, "--backbone", "mobilenet_v3_small"]) == 0
+    assert len(tried) == 3
+    assert [entry["steps"] for entry in report_of(tmp_path)["rows"].values()] == [2, 2]
+
+
 def test_rows_for_which_no_time_is_left_are_left_out(carried: Path, tmp_path: Path) -> None:
     words = [str(carried), "--out", str(tmp_path), *TINY, "--minutes", "0.01"]
     assert main(words) == 1
     rows = report_of(tmp_path)["rows"]
     assert [entry["failed"].split(":")[0] for entry in rows.values()] == ["TimeoutError"] * 3
     assert not list(tmp_path.glob("*.safetensors"))
+
+
+def test_a_process_that_hangs_is_ended(tmp_path: Path) -> None:
+    """A session that would last for an hour; what it had written stays."""
+    words = [str(tmp_path), "--out", str(tmp_path), "--minutes", "-0.1"]
+    done = in_new_process(
+        "import time\nfrom gpu import session, train\n"
+        f"session.run = lambda options, began: time.sleep(3600)\ntrain.script({words})"
+    )
+    assert done.returncode == OVERDUE
+    assert "Ended by force" in done.stdout
 
 
 def test_the_rows_share_the_time_that_is_left(

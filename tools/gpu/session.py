@@ -195,7 +195,14 @@ def build(session: Session, row: int, landmark_set: str) -> HandReconstruction:
 
 
 def train(session: Session, files: Files, row: int, seconds: float) -> None:
-    """Train, score and save a row."""
+    """Train, save and score a row, and put what is found into the report.
+
+    Args:
+        session: The run.
+        files: Hands in the device's memory.
+        row: Row of Table 1.
+        seconds: Time limit of the training.
+    """
     options, began = session.options, time.monotonic()
     entry = session.report["rows"][f"row{row}"]
     session.say(f"row {row}: {seconds:.0f} s")
@@ -208,7 +215,15 @@ def train(session: Session, files: Files, row: int, seconds: float) -> None:
         seed=options.seed,
         every=options.every,
     )
-    trained = train_row(module, files.train, files.rendered, photo_augmentation(), plan)
+    try:
+        trained = train_row(module, files.train, files.rendered, photo_augmentation(), plan)
+    except RuntimeError as error:
+        if not options.compile:
+            raise
+        session.say(f"The compiled network fails, so that none is compiled any more: {error}")
+        options.compile = False
+        train(session, files, row, seconds - (time.monotonic() - began))
+        return
     entry |= asdict(trained)
     session.say(f"row {row}: {trained.steps} steps, {trained.images_per_second:.0f} images/s")
     ended = time.monotonic()

@@ -7,8 +7,17 @@ the weights of each finished row.
 """
 
 import argparse
+import os
+import threading
 import time
 from pathlib import Path
+from typing import Final
+
+OVERDUE: Final = 3
+"""Exit status of a process that was ended by force."""
+
+_GRACE: Final = 10.0
+"""Seconds after the limit at which this happens."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         default=272,
         help="side of a crop; the network sees the middle 224 of 272",
     )
-    add("--batch", type=int, default=128, help="hands per step")
+    add("--batch", type=int, default=256, help="hands per step")
     add("--learning-rate", type=float, default=1e-3, help="highest learning rate")
     add("--precision", choices=("bf16", "fp32"), default="bf16", help="of the convolutions")
     add("--compile", action="store_true", help="compile the backbone")
@@ -60,5 +69,25 @@ def main(words: list[str] | None = None) -> int:
     return run(options, began)
 
 
+def script(words: list[str] | None = None) -> int:
+    """Train, but end the process by force if it lasts longer than it may.
+
+    A step is not interrupted otherwise, and one that compiles the network, or a GPU that hangs, takes long.
+    """
+    limit = 60 * parser().parse_args(words).minutes + _GRACE
+    timer = threading.Timer(max(0.0, limit), _end_by_force)
+    timer.daemon = True
+    timer.start()
+    try:
+        return main(words)
+    finally:
+        timer.cancel()
+
+
+def _end_by_force() -> None:
+    print("Ended by force, since the time is over; the files have what was finished.", flush=True)
+    os._exit(OVERDUE)
+
+
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(script())

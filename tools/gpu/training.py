@@ -32,7 +32,7 @@ class Plan:
     """Time limit; the learning rate falls to zero at its end."""
     steps: int | None = None
     """Number of steps, if the learning rate is to follow them; the time limit holds all the same."""
-    batch_size: int = 128
+    batch_size: int = 256
     """Hands per step."""
     rendered_share: float = 0.25
     """Share of rendered hands in each batch, if there are any."""
