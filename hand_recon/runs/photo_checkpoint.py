@@ -86,7 +86,7 @@ class _Wanted:
         return hash(self.fingerprint)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=2)
 def _loaded(file: str, state: tuple[Any, ...], wanted: _Wanted) -> tuple[Regressor, DictConfig]:
     """A network with the configuration of its training, kept for the next Python call.
 

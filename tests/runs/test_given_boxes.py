@@ -33,13 +33,9 @@ def test_boxes_are_hands_without_landmarks_in_their_order(tmp_path: Path) -> Non
 
 
 def test_boxes_that_show_no_hand_are_dropped_with_the_reason(tmp_path: Path) -> None:
-    file = boxes_file(
-        tmp_path,
-        *(
-            {"box": box, "side": "right"}
-            for box in ([100, 0, 130, 40], [5, 5, 14, 24], [5, 5, 15, 25])
-        ),
-    )
+    boxes = ([100, 0, 130, 40], [5, 5, 14, 24], [5, 5, 15, 25])
+    entries: list[dict[str, object]] = [{"box": box, "side": "right"} for box in boxes]
+    file = boxes_file(tmp_path, *entries)
     found = GivenBoxes(file)(IMAGE, Path("a.png"))
     assert len(found.hands) == 1
     assert "outside the image of 100 × 60 px" in found.dropped[0]

@@ -7,7 +7,6 @@ from omegaconf import open_dict
 
 from hand_recon import __version__
 from hand_recon.regressor.lifter_file import fingerprint
-from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.building import build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY, MEAN_POSE_KEY, VERSION_KEY
 from hand_recon.runs.configuration import plain
@@ -50,11 +49,12 @@ def write_run(folder: Path, *overrides: str, sharpness: float = 1.0) -> Path:
         torch.manual_seed(3)
         module = build_module(config)
         with torch.no_grad():
-            for decoder in module.regressor.decoders.values():
-                # Predictions that differ from hand to hand.
-                decoder.weight.normal_(0.0, 0.02)
-            if isinstance(module.regressor.encoder, PhotoEncoder):
-                module.regressor.encoder.maps.maps[0].weight.mul_(sharpness)
+            for name, parameter in module.regressor.named_parameters():
+                if name.startswith("decoders.") and name.endswith("weight"):
+                    # Predictions that differ from hand to hand.
+                    parameter.normal_(0.0, 0.02)
+                if name == "encoder.maps.maps.0.weight":
+                    parameter.mul_(sharpness)
     (folder / "checkpoints").mkdir(parents=True)
     torch.save(
         {

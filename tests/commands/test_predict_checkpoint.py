@@ -1,0 +1,330 @@
+"""`predict … ckpt=`: a network looks at the photographs, and its hand starts the fit or is the result."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import torch
+from omegaconf import DictConfig, open_dict
+from PIL import Image
+
+import hand_recon
+from hand_recon.runs import looking, predict_run
+from hand_recon.runs.predict_run import predict
+from tests.support.configurations import composed
+from tests.support.detector_models import published_models
+from tests.support.photo_checkpoint import IMAGES, LIFTER, PHOTOS, write_run
+from tests.support.photo_folder import CAMERA, QUICK, read, table
+
+SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TWO, LEFT = "1 two.png", "3 hånd's, [left].png"
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of untrained networks."""
+    folder = tmp_path_factory.mktemp("runs")
+    write_run(folder / "photos", *PHOTOS, sharpness=1e4)
+    write_run(folder / "images", *IMAGES)
+    return folder
+
+
+@pytest.fixture
+def folder(folder: Path) -> Path:
+    """Photographs without the file that is cut off; textured, so that crops differ."""
+    (folder / "photos" / "4 cut off.png").unlink()
+    noise = np.random.default_rng(8).integers(0, 255, (24, 32, 3)).astype(np.uint8)
+    for path in (folder / "photos").iterdir():
+        Image.fromarray(noise).resize((640, 480), Image.Resampling.BICUBIC).save(path)
+    return folder
+
+
+def boxes_of(folder: Path, *, sides: bool = True) -> Path:
+    """The boxes of the hands of `found.json` as a file of boxes."""
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    boxes: list[dict[str, Any]] = []
+    for entry in entries:
+        points = np.array(entry["landmarks"])
+        box = [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
+        boxes.append({"image": entry["image"], "box": box})
+        if sides:
+            boxes[-1]["side"] = entry["side"]
+    (folder / "boxes.json").write_text(json.dumps(boxes), encoding="utf-8")
+    return folder / "boxes.json"
+
+
+def asked(folder: Path, *overrides: str, detector: tuple[str, ...] = ()) -> DictConfig:
+    """`conf/predict.yaml` composed for the photographs of a folder; by default with its landmarks."""
+    landmarks = ("detector=landmarks", f"detector.landmarks='{folder}/found.json'")
+    config = composed(
+        f"input=['{folder}/photos']", *(detector or landmarks), f"camera='{folder}/K.json'",
+        f"output='{folder}/out'", *QUICK, *overrides, name="predict",
+    )  # fmt: skip
+    with open_dict(config):
+        del config["hydra"]
+    return config
+
+
+def with_boxes(folder: Path, *, sides: bool = True) -> tuple[str, ...]:
+    """Words for boxes in place of landmarks; MediaPipe's models are in no folder that there is."""
+    boxes = boxes_of(folder, sides=sides)
+    return "detector=boxes", f"detector.boxes='{boxes}'", f"detector.models='{folder}/no models'"
+
+
+@pytest.mark.parametrize("run", ["photos", "images"])
+def test_the_networks_hand_starts_the_fit_to_the_detectors_landmarks(
+    folder: Path, runs: Path, run: str
+) -> None:
+    summary = predict(asked(folder, f"ckpt='{runs}/{run}'"))
+    assert (summary["hands"], summary["fitted"]) == (3, 3)
+    entries = read(folder / "out")
+    jsonschema.validate(entries, SCHEMA)
+    given = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    predict(asked(folder, "lifter=none", f"output='{folder}/alone'"))
+    for entry, alone in zip(entries, read(folder / "alone"), strict=True):
+        # With one start more, the loss is no larger, but for the selection of starts.
+        assert entry["loss"]["total"] < 1.02 * alone["loss"]["total"]
+    for entry, landmarks in zip(entries, given, strict=True):
+        assert entry["source"].startswith(f"landmarks, checkpoint {run}/checkpoints/best.ckpt ")
+        assert entry["source"].endswith(", fit")
+        np.testing.assert_allclose(entry["observed_2d"], landmarks["landmarks"], atol=1e-3)
+        assert np.linalg.eigvalsh(entry["covariance_3d"]).min() > 0
+        # The landmarks of the file have neither σ nor scores.
+        assert entry["sigma_2d"] is None
+    assert hand_recon.read_hands(folder / "out" / "hands.json").sides == ("right", "right", "left")
+    assert [row["hands"] for row in table(folder / "out" / "images.csv")] == ["2", "0", "1"]
+
+
+def test_the_start_matters_where_it_is_the_only_one(folder: Path, runs: Path) -> None:
+    """Without starts in closed form, a fit from another network's hand ends elsewhere."""
+    losses = []
+    for run in ("photos", "images"):
+        words = (f"ckpt='{runs}/{run}'", "descent.starts=0", f"output='{folder}/from {run}'")
+        predict(asked(folder, *words))
+        losses.append([entry["loss"]["total"] for entry in read(folder / f"from {run}")])
+    assert losses[0] != losses[1]
+
+
+@pytest.mark.parametrize("run", ["photos", "images"])
+def test_without_steps_the_networks_hand_is_the_result(folder: Path, runs: Path, run: str) -> None:
+    predict(asked(folder, f"ckpt='{runs}/{run}'", "descent.steps=0"))
+    entries = read(folder / "out")
+    jsonschema.validate(entries, SCHEMA)
+    for entry in entries:
+        assert entry["source"].split(", ")[0] == "landmarks"
+        assert "fit" not in entry["source"].split(", ")
+        assert entry["covariance_3d"] is None
+        assert entry["loss"] == {}
+        # σ of each coordinate is the network's own.
+        assert len({round(one, 3) for row in entry["sigma_2d"] for one in row}) > 2
+        points = np.array(entry["landmarks_3d"])
+        on_plane = points / points[:, 2:] @ np.array(CAMERA).T
+        np.testing.assert_allclose(on_plane[:, :2], entry["landmarks_2d"], atol=0.05)
+
+
+def test_boxes_need_no_models_of_mediapipe(folder: Path, runs: Path) -> None:
+    """The network finds the landmarks of the crop, and the fit is to them, with its σ."""
+    summary = predict(asked(folder, f"ckpt='{runs}/photos'", detector=with_boxes(folder)))
+    assert (summary["hands"], summary["fitted"]) == (3, 3)
+    entries = read(folder / "out")
+    jsonschema.validate(entries, SCHEMA)
+    boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
+    assert [entry["side"] for entry in entries] == ["right", "right", "left"]
+    for entry, box in zip(entries, boxes, strict=True):
+        assert entry["source"].startswith("boxes, checkpoint photos/checkpoints/best.ckpt ")
+        assert entry["score"] is None
+        assert entry["sigma_2d"] is not None
+        seen, corners = np.array(entry["observed_2d"]), np.array(box["box"]).reshape(2, 2)
+        extent = (corners[1] - corners[0]).max()
+        assert (np.abs(seen - corners.mean(axis=0)) < 2 * extent).all()
+    assert not list(folder.rglob("*.tflite"))
+
+
+def test_boxes_without_steps_are_the_networks_hands_at_their_place(
+    folder: Path, runs: Path
+) -> None:
+    """A network of images has no landmarks but its hand's projections."""
+    words = ("descent.steps=0", f"ckpt='{runs}/images'")
+    predict(asked(folder, *words, detector=with_boxes(folder)))
+    for entry in read(folder / "out"):
+        np.testing.assert_allclose(entry["observed_2d"], entry["landmarks_2d"], atol=0.01)
+        assert entry["residual"] < 0.01
+
+
+def test_whole_images_and_boxes_need_a_side(folder: Path, runs: Path) -> None:
+    ckpt, whole = f"ckpt='{runs}/photos'", ("detector=whole",)
+    with pytest.raises(ValueError, match=r"detector=whole with ckpt=… needs the side"):
+        predict(asked(folder, ckpt, detector=whole))
+    boxes = with_boxes(folder, sides=False)
+    with pytest.raises(ValueError, match="3 of 3 boxes have no side"):
+        predict(asked(folder, ckpt, detector=boxes))
+    assert not (folder / "out").exists()
+    predict(asked(folder, ckpt, "side=left", detector=boxes))
+    assert {entry["side"] for entry in read(folder / "out")} == {"left"}
+    words = (ckpt, "side=right", f"output='{folder}/whole'")
+    assert predict(asked(folder, *words, detector=whole))["hands"] == 3
+    assert {entry["side"] for entry in read(folder / "whole")} == {"right"}
+
+
+def test_a_wrong_checkpoint_claims_no_folder(folder: Path, runs: Path, tmp_path: Path) -> None:
+    lifter = write_run(tmp_path / "lifter", *LIFTER)
+    for ckpt, message in ((lifter, "is a lifter"), (tmp_path / "gone", "No checkpoint at")):
+        with pytest.raises((ValueError, FileNotFoundError), match=message):
+            predict(asked(folder, f"ckpt='{ckpt}'"))
+    with pytest.raises(ValueError, match="each gives the start of a fit"):
+        predict(asked(folder, f"ckpt='{runs}/photos'", f"lifter='{lifter}'"))
+    assert not (folder / "out").exists()
+
+
+def test_an_interrupted_command_goes_on_with_the_same_checkpoint_alone(
+    folder: Path, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(predict_run, "PHOTOS_AT_ONCE", 1)
+    own = write_run(tmp_path / "own", *PHOTOS, sharpness=1e4)
+    ckpt = f"ckpt='{own}'"
+    predict(asked(folder, ckpt, f"output='{folder}/whole'"))
+    real, looks = looking.look_at_file, itertools.count()
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401
+        if next(looks) == 2:
+            raise KeyboardInterrupt
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(predict_run, "look_at_file", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        predict(asked(folder, ckpt))
+    with pytest.raises(
+        FileExistsError, match="unfinished results of a command with other files, opt"
+    ):
+        predict(asked(folder))
+    with pytest.raises(
+        FileExistsError, match="unfinished results of a command with other files, opt"
+    ):
+        predict(asked(folder, f"ckpt='{runs}/photos'"))
+    file = own / "checkpoints" / "best.ckpt"
+    before, times = file.read_bytes(), file.stat()
+    content = torch.load(file, weights_only=True)
+    content["state_dict"]["regressor.initial_state"] += 0.1
+    torch.save(content, file)
+    with pytest.raises(
+        FileExistsError, match="unfinished results of a command with other files, and"
+    ):
+        predict(asked(folder, ckpt))
+    file.write_bytes(before)
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert predict(asked(folder, ckpt))["hands"] == 3
+    assert next(looks) == 4
+    assert (folder / "out" / "hands.json").read_bytes() == (
+        folder / "whole" / "hands.json"
+    ).read_bytes()
+
+
+def test_one_person_has_one_shape_beside_a_checkpoint(folder: Path, runs: Path) -> None:
+    predict(asked(folder, f"ckpt='{runs}/photos'", "same_person=true"))
+    shapes = [entry["shape"] for entry in read(folder / "out")]
+    assert shapes[0] == shapes[1] == shapes[2]
+    with pytest.raises(ValueError, match=r"same_person=true with descent\.steps=0"):
+        predict(
+            asked(
+                folder, f"ckpt='{runs}/photos'", "same_person=true", "descent.steps=0",
+                f"output='{folder}/none'",
+            )
+        )  # fmt: skip
+
+
+def test_a_network_that_diverged_is_an_error_of_each_photograph(
+    folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run = write_run(tmp_path / "run", *IMAGES)
+    file = run / "checkpoints" / "best.ckpt"
+    content = torch.load(file, weights_only=True)
+    content["state_dict"]["regressor.decoders.shape.bias"][:] = torch.nan
+    torch.save(content, file)
+    with pytest.raises(ValueError, match="2 of 3 images could not be processed"):
+        predict(asked(folder, f"ckpt='{run}'"))
+    assert "its training diverged" in caplog.text
+
+
+def test_a_camera_with_lens_distortion_moves_the_landmarks_that_the_network_finds(
+    folder: Path, runs: Path
+) -> None:
+    """Crops are cut from the photograph as it is; the landmarks of the fit are without distortion."""
+    ckpt, boxes = f"ckpt='{runs}/photos'", with_boxes(folder)
+    predict(asked(folder, ckpt, f"output='{folder}/plain'", detector=boxes))
+    camera = {"camera_matrix": CAMERA, "distortion_coefficients": [0.2, 0.0, 0.0, 0.0, 0.0]}
+    (folder / "K.json").write_text(json.dumps(camera))
+    predict(asked(folder, ckpt, f"output='{folder}/lens'", detector=boxes))
+    for plain, lens in zip(read(folder / "plain"), read(folder / "lens"), strict=True):
+        seen, straight = np.array(plain["observed_2d"]), np.array(lens["observed_2d"])
+        # Barrel or pincushion: straight = x with distorted = x (1 + 0.2 r²) about the principal point.
+        x = (straight - [320.0, 240.0]) / 700.0
+        again = 700.0 * x * (1 + 0.2 * (x**2).sum(axis=1, keepdims=True)) + [320.0, 240.0]
+        np.testing.assert_allclose(again, seen, atol=0.1)
+        assert np.abs(straight - seen).max() > 0.01
+
+
+def test_the_python_call_gives_what_the_command_writes(folder: Path, runs: Path) -> None:
+    photos = [folder / "photos" / name for name in (TWO, LEFT)]
+    landmarks = ("detector=landmarks", f"detector.landmarks='{folder}/found.json'")
+    for name, detector in (("landmarks", landmarks), ("boxes", with_boxes(folder))):
+        words = (f"ckpt='{runs}/photos'", "camera='fov=60'", f"output='{folder}/{name}'")
+        config = asked(folder, *words, detector=detector)
+        config.input = [str(photo) for photo in photos]
+        predict(config)
+        hands = hand_recon.reconstruct(
+            photos, camera="fov=60", ckpt=runs / "photos", overrides=[*detector, *QUICK]
+        )
+        assert json.loads(json.dumps(hands.entries())) == read(folder / name)
+    with pytest.raises(
+        ValueError, match="'ckpt=x' has no effect here: ckpt is an argument of reconst"
+    ):
+        hand_recon.reconstruct(photos, overrides=["ckpt=x"])
+    with pytest.raises(FileNotFoundError, match="No checkpoint at"):
+        hand_recon.reconstruct(photos, ckpt=folder / "gone")
+
+
+def test_an_array_is_a_whole_image_of_a_hand(runs: Path) -> None:
+    pixels = np.random.default_rng(1).integers(0, 255, (80, 60, 3)).astype(np.uint8)
+    overrides = ["detector=whole", "side=left", "descent.steps=0"]
+    hands = hand_recon.reconstruct(pixels, ckpt=runs / "photos", overrides=overrides)
+    assert hands.sides == ("left",)
+    assert hands.landmarks_3d.shape == (1, 21, 3)
+    assert hands.records.sources[0].startswith("whole, checkpoint photos/")
+
+
+def test_examples_with_mediapipes_landmarks(runs: Path, tmp_path: Path) -> None:
+    models = published_models()
+    words = [
+        sys.executable, "-m", "hand_recon", "predict", "hand.jpg", "two_hands.jpg", "--ckpt",
+        str(runs / "photos"), "--output", str(tmp_path / "out"), "--detector.models", str(models),
+        "descent.starts=1",
+    ]  # fmt: skip
+    subprocess.run(words, cwd=EXAMPLES, check=True, capture_output=True)  # noqa: S603  # our own words
+    entries = read(tmp_path / "out")
+    jsonschema.validate(entries, SCHEMA)
+    assert [entry["image"] for entry in entries] == ["hand.jpg", "two_hands.jpg", "two_hands.jpg"]
+    for entry in entries:
+        assert entry["source"].startswith("mediapipe, checkpoint photos/checkpoints/best.ckpt ")
+        assert entry["verdict"] == "plausible"
+        assert entry["sigma_2d"] is not None
+    assert (tmp_path / "out" / "index.html").is_file()
+
+
+def test_hands_on_standard_output(folder: Path, runs: Path) -> None:
+    words = [
+        sys.executable, "-m", "hand_recon", "predict", f"photos/{TWO}", "--json", "-", "--side", "right",
+        "detector=whole", f"ckpt={runs}/images", "descent.steps=0",
+    ]  # fmt: skip
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)  # noqa: S603
+    entries = json.loads(done.stdout)
+    jsonschema.validate(entries, SCHEMA)
+    assert entries[0]["source"].startswith("whole, checkpoint images/checkpoints/best.ckpt ")
