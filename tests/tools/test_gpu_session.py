@@ -83,6 +83,17 @@ def _same_network_again(words: list[str], report: dict[str, Any], out: Path) -> 
     assert again["sigma_median"] == pytest.approx(expected["sigma_median"], rel=0.02)
 
 
+@pytest.mark.gpu
+@pytest.mark.parametrize("backbone", ["efficientnet_lite0", "resnet50"])
+def test_rows_are_trained_on_a_gpu(carried: Path, tmp_path: Path, backbone: str) -> None:
+    words = [str(carried), "--out", str(tmp_path), "--backbone", backbone, *TINY]
+    assert (
+        main([*words, "--device", "cuda", "--crop", "272", "--batch", "16", "--steps", "20"]) == 0
+    )
+    rows = report_of(tmp_path)["rows"]
+    assert all(math.isfinite(entry["scores"]["in_3d"]["all"]["E_J"]) for entry in rows.values())
+
+
 def test_the_backbone_starts_from_the_weights_that_are_carried(
     carried: Path, tmp_path: Path
 ) -> None:
@@ -165,8 +176,10 @@ def test_a_compiled_network_that_fails_is_trained_as_it_is(
     # Nothing is compiled here: that takes a minute.
     monkeypatch.setattr(torch, "compile", lambda function, **options: function)
     words = [str(carried), "--out", str(tmp_path), "--rows", "1,2", *TINY, "--compile"]
+    words += ["--saved-rows", "2"]
     assert main([*words, "--backbone", "mobilenet_v3_small"]) == 0
     assert len(tried) == 3
+    assert [path.name for path in tmp_path.glob("*.safetensors")] == ["row2.safetensors"]
     assert [entry["steps"] for entry in report_of(tmp_path)["rows"].values()] == [2, 2]
 
 

@@ -5,6 +5,7 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.util import find_spec
+from types import TracebackType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -68,8 +69,13 @@ class Renderer:
     def __enter__(self) -> "Renderer":
         return self
 
-    def __exit__(self, *raised: object) -> None:
-        self._stack.close()
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
 
     def hands(self, device: torch.device) -> ResidentHands | None:
         """All hands that were rendered in time, in the device's memory; None without any."""

@@ -227,19 +227,25 @@ def train(session: Session, files: Files, row: int, seconds: float) -> None:
     entry |= asdict(trained)
     session.say(f"row {row}: {trained.steps} steps, {trained.images_per_second:.0f} images/s")
     ended = time.monotonic()
-    header = {
-        "row": str(row), "backbone": options.backbone, "crop_size": str(options.crop), "view": str(VIEW),
-        "landmark_set": files.landmark_set, "steps": str(trained.steps),
-    }  # fmt: skip
-    largest = int(options.largest * 2**20)
-    paths = save_weights(options.out / f"row{row}", module.regressor, header, largest)
-    entry["weights"] = [path.name for path in paths]
+    if row in (options.saved_rows or options.rows):
+        entry["weights"] = [path.name for path in _saved(session, files, row, module)]
     session.write()
     entry["scores"] = {}
     for name, hands in files.tests.items():
         entry["scores"][name] = score(module, hands, options.batch)
         session.say(f"row {row}, {name}: {_shown(entry['scores'][name]['all'])}")
     session.reserved = max(session.reserved, 1.2 * (time.monotonic() - ended))
+
+
+def _saved(session: Session, files: Files, row: int, module: HandReconstruction) -> list[Path]:
+    """Write the weights of a row."""
+    options = session.options
+    header = {
+        "row": str(row), "backbone": options.backbone, "crop_size": str(options.crop), "view": str(VIEW),
+        "landmark_set": files.landmark_set,
+    }  # fmt: skip
+    largest = int(options.largest * 2**20)
+    return save_weights(options.out / f"row{row}", module.regressor, header, largest)
 
 
 def _shown(scores: dict[str, float]) -> str:

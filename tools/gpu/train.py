@@ -48,6 +48,7 @@ def parser() -> argparse.ArgumentParser:
     add("--level", default="any_pose", help="level of rendered hands")
     add("--processes", type=int, help="rendering processes; by default one core is left")
     add("--reserve", type=float, default=20.0, help="seconds for scores and files of a row")
+    add("--saved-rows", type=_rows, help="rows whose weights are written; by default all")
     add("--largest", type=float, default=15.0, help="largest file of weights, MiB")
     add("--every", type=float, default=5.0, help="seconds between two lines of progress")
     add("--seed", type=int, default=0, help="seed of weights, order and augmentation")
