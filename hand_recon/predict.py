@@ -2,6 +2,8 @@
 
 hand-recon predict photo.jpg --output outputs/my_hands
 hand-recon predict holiday/*.jpg more_photos camera=fov=60
+hand-recon predict photo.jpg ckpt=outputs/train/<time>     # a network of recipe=photos looks at it, too
+hand-recon predict photos detector=boxes detector.boxes=boxes.json ckpt=outputs/train/<time>
 hand-recon predict photo.jpg --json - | jq '.[].verdict'
 """
 

@@ -142,7 +142,7 @@ class PhotoNetwork:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a network predicted in crops of a photograph."""
+    """Predictions of a network in crops of a photograph."""
 
     prediction: HandPrediction
     """Hands in their crops."""
