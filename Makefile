@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
+.PHONY: help env example train smoke photos table1-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,6 +34,23 @@ SEEDS ?= 0,1,2
 # Runs at a time; each keeps to one thread.
 RUNS ?= 2
 AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(RUNS)
+
+# A folder of photographs of hands; with train.json (and test.json) in it, these are the labels.
+PICTURES ?=
+LABELS ?= outputs/labels/$(notdir $(patsubst %/,%,$(PICTURES)))
+PHOTOS = photos.images=$(PICTURES) $(if $(wildcard $(PICTURES)/train.json),photos.train=$(PICTURES)/train.json,photos.train=$(LABELS)/labels.json) \
+  $(if $(wildcard $(PICTURES)/test.json),photos.test=$(PICTURES)/test.json)
+
+photos: $(STAMP)  ## Train a network that sees: PICTURES=<folder of photographs>, labelled first if they have no labels.
+	@test -d "$(PICTURES)" || { echo "Name a folder of photographs of hands: make photos PICTURES=<folder>" >&2; exit 1; }
+	test -e "$(PICTURES)/train.json" -o -e "$(LABELS)/labels.json" || $(BIN)/hand-recon prepare labels "$(PICTURES)" output="$(LABELS)"
+	$(BIN)/python -m hand_recon.train recipe=photos name=photos $(PHOTOS) $(ARGS)
+
+table1-photos: $(STAMP)  ## The paper's Table 1 on photographs, PICTURES=<folder>: the same 15 minutes for each row; then the report.
+	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table1-photos PICTURES=<folder>" >&2; exit 1; }
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 name=photos $(PHOTOS) $(ARGS)
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row2,ablation_row3 seed=0 name=photos $(PHOTOS) $(ARGS)
+	$(BIN)/python -m hand_recon.report
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
 	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)

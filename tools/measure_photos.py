@@ -1,0 +1,87 @@
+"""Measures a network for photographs: 2D on held-out people, 3D on a clip by two cameras, by groups.
+
+    python tools/measure_photos.py <run> --labels test.json --images <folder> --clip <clip>
+
+A run is a folder or a checkpoint of `recipe=photos`, or several with their names: `row5=outputs/…`. For each
+run there are up to four ways: from pixels alone, from pixels and the labels as a detector's landmarks,
+and both with the fit behind. E_2D is in pixels of a 224-pixel crop, against the labels, which are a
+detector's. PA-MPJPE is against the landmarks that the two cameras triangulate.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from hand_recon.runs.checkpoints import load_trained
+from hand_recon.runs.results import write_json
+from photos.drawing import draw_page
+from photos.methods import methods
+from photos.scores import Scored, score
+from photos.sets import PhotoSet, clip_photographs, labelled_photographs
+from photos.tables import as_json, group_table, main_table
+
+
+def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    add = parser.add_argument
+    add("runs", nargs="+", help="runs or checkpoints, or NAME=run")
+    add("--labels", type=Path, help="labels of the photographs")
+    add("--images", type=Path, help="folder of the photographs; else that of the labels")
+    add("--clip", type=Path, help="folder of cam0.mp4, calibration.json and landmarks.npz")
+    add("--every", type=int, default=1, help="step between frames of the clip")
+    add("--ways", nargs="+", help="some of: pixels, 'pixels + fit', both, 'both + fit'")
+    add("--groups", action="store_true", help="tables by folder, gesture, view, lightness")
+    add(
+        "--unseen",
+        nargs="*",
+        default=[],
+        help="gestures that training did not have, as folder/gesture",
+    )
+    add("--draw", type=Path, help="PNG of 60 photographs by every run, two views each")
+    add("--json", type=Path, help="file for all numbers")
+    return parser.parse_args(words)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Score every run in every way on every set, print the tables and write what was asked for.
+
+    Args:
+        words: The command line; none for this process's own.
+    """
+    arguments = _arguments(words)
+    scored: list[Scored] = []
+    for text in arguments.runs:
+        name, _, path = text.rpartition("=")
+        trained = load_trained(path)
+        regressor = trained.module.regressor
+        size = int(trained.config.crop_size)
+        for hands in _sets(arguments, size):
+            for way, run in methods(regressor).items():
+                if arguments.ways and way not in arguments.ways:
+                    continue
+                label = f"{name}: {way}" if name else way
+                scored.append(score(hands, label, run(hands), regressor.hand))
+    print(main_table(scored))
+    if arguments.groups:
+        print("\n" + group_table(scored, arguments.unseen))
+    if arguments.json is not None:
+        write_json(arguments.json, as_json(scored))
+    if arguments.draw is not None:
+        draw_page(arguments.draw, scored)
+
+
+def _sets(arguments: argparse.Namespace, size: int) -> list[PhotoSet]:
+    sets = []
+    if arguments.labels is not None:
+        images = arguments.images or arguments.labels.parent
+        sets.append(labelled_photographs(arguments.labels, images, size, 1.5))
+    if arguments.clip is not None:
+        sets.append(clip_photographs(arguments.clip, size, 1.5, arguments.every))
+    return sets
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    main()

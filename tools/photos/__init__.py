@@ -1,0 +1,1 @@
+"""Parts of `tools/measure_photos.py`: sets of photographs, methods, scores and tables."""
