@@ -1,6 +1,7 @@
 """Writes and reads checkpoints with their configuration, so that they rebuild themselves."""
 
 import copy
+import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +78,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
             f"No checkpoint at {file}. Give a run's folder, or a file such as "
             "outputs/train/<time>/checkpoints/best.ckpt."
         )
-    checkpoint = torch.load(file, map_location="cpu", weights_only=True)
+    checkpoint = _loaded(file)
     if CONFIG_KEY not in checkpoint:
         raise ValueError(
             f"{file} has no configuration of hand_recon in it (it has {sorted(checkpoint)}). "
@@ -89,6 +90,26 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
             "which could hide what would be called. It is not read."
         )
     return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+
+
+def _loaded(file: Path) -> dict[str, Any]:
+    """Contents of a checkpoint.
+
+    Raises:
+        ValueError: The file is none, or is damaged.
+    """
+    try:
+        checkpoint = torch.load(file, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, EOFError, RuntimeError) as error:
+        raise ValueError(
+            f"{file} is no checkpoint, or a damaged one. Give a run's folder, or a file such as "
+            "outputs/train/<time>/checkpoints/best.ckpt."
+        ) from error
+    if not isinstance(checkpoint, dict):
+        raise ValueError(
+            f"{file} holds a {type(checkpoint).__name__}; expected a checkpoint that hand_recon.train wrote."
+        )
+    return checkpoint
 
 
 def _refers(node: object) -> bool:

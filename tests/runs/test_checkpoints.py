@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from hand_recon.runs.checkpoints import CONFIG_KEY, VERSION_KEY, load_trained
+from hand_recon.runs.checkpoints import CONFIG_KEY, VERSION_KEY, load_trained, read_checkpoint
 from hand_recon.runs.training_run import train
 from tests.support.configurations import settings
 from tests.support.small_runs import LIGHTNING_WARNINGS
@@ -75,3 +75,18 @@ def test_a_path_of_an_earlier_version_says_which_version_wrote_it(
 
     with pytest.raises(ValueError, match=r"written by hand_recon 0\.1\. Use that version"):
         load_trained(changed(run, tmp_path, age))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no checkpoint", b"\xff\xd8\xff\xe0 an image", b"PK\x03\x04 cut"]
+)
+def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "a.ckpt"
+    file.write_bytes(content)
+    with pytest.raises(
+        ValueError, match=r"a\.ckpt is no checkpoint, or a damaged one\. Give a run's"
+    ):
+        read_checkpoint(file)
+    torch.save([1.0], file)
+    with pytest.raises(ValueError, match=r"a\.ckpt holds a list; expected a checkpoint"):
+        read_checkpoint(file)
