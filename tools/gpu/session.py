@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 import torch
 
-from gpu.packed import PackedHands, read_packed
+from gpu.packed import BACKBONE, HANDS, IN_3D, PackedHands, read_packed
 from gpu.precision import run_in_bfloat16
 from gpu.rendered import Order, Renderer
 from gpu.resident import ResidentHands, load
@@ -24,10 +24,6 @@ from hand_recon.hand.open_hand import open_hand
 from hand_recon.regressor.backbones import EFFICIENTNET_LITE0
 from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.training.module import HandReconstruction
-
-HANDS: Final = "hands.npz"
-IN_3D: Final = "hands_in_3d.npz"
-BACKBONE: Final = "backbone.pth"
 
 FROZEN: Final = 4
 """Leading layers of EfficientNet-Lite0 that keep their ImageNet weights (conf/model/photos.yaml)."""
@@ -59,7 +55,7 @@ class Session:
     end: float
     """Time of the monotonic clock at which everything is to be written."""
     device: torch.device
-    """Where networks and hands are."""
+    """Device of the networks and the hands."""
     report: dict[str, Any] = field(default_factory=dict)
     """Content of report.json."""
     reserved: float = 0.0
