@@ -145,6 +145,22 @@ def test_files_that_are_not_packed_hands_are_refused(tmp_path: Path) -> None:
         read_packed(tmp_path / "other.npz")
 
 
+def test_hands_with_fingers_of_others_are_for_training_alone(photos: Path, tmp_path: Path) -> None:
+    words = [
+        str(photos / "train.json"),
+        "--test",
+        str(photos / "test.json"),
+        "--out",
+        str(tmp_path),
+    ]
+    main([*words, "--size", "48", "--exchanged", "3"])
+    packed = read_packed(tmp_path / "hands.npz")
+    assert packed.test.tolist() == [False] * 4 + [True] * 2 + [False] * 3
+    assert all("exchanged fingers" in name for name in packed.names[6:])
+    assert {group_of(name) for name in packed.names[6:]} == {""}
+    assert np.isfinite(packed.landmarks_2d).all()
+
+
 def test_a_file_that_is_too_large_is_said_to_be(
     photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

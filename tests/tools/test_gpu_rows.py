@@ -17,6 +17,8 @@ from gpu.rows import (
     photo_network,
     prior_of_row,
 )
+from gpu.train import parser
+from gpu.training import Plan
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
@@ -70,7 +72,9 @@ def test_there_is_no_row_beyond_the_table(hand: HandModel) -> None:
 
 
 def test_the_network_is_that_of_the_recipe_for_photographs() -> None:
-    config = composed("recipe=photos", "model.encoder.weights=none", "data.train=labels.json")
+    config = composed(
+        "recipe=photos_table1", "model.encoder.weights=none", "photos.train=labels.json"
+    )
     hand = open_hand("mediapipe")
     expected = instantiate(config.model, hand=hand)
     frozen = config.model.encoder.frozen
@@ -85,9 +89,12 @@ def test_the_network_is_that_of_the_recipe_for_photographs() -> None:
 
 
 def test_augmentation_and_optimizer_are_those_of_the_recipe(hand: HandModel) -> None:
-    config = composed("recipe=photos", "data.train=labels.json")
+    config = composed("recipe=photos_table1", "photos.train=labels.json")
     expected = instantiate(config.data.augmentation)
     assert asdict(photo_augmentation()) == asdict(expected)
+    shares = config.data.weights
+    assert Plan(seconds=1.0).rendered_share == shares.rendered / sum(shares.values())
+    assert config.data.parts.rendered.level == parser().get_default("level")
     assert config.trainer.gradient_clip_val == CLIP
     assert config.optimizer.weight_decay == WEIGHT_DECAY
     network = photo_network(hand, "efficientnet_lite0", "none", frozen=0)

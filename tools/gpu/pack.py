@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import cv2
@@ -19,6 +20,7 @@ from jaxtyping import UInt8
 from gpu.packed import BACKBONE, HANDS, IN_3D, PackedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.landmarks.exchanged import WithExchangedFingers
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 from hand_recon.data.progress import with_progress
 from hand_recon.data.synthetic.recipe import Recipe, level_named
@@ -100,13 +102,16 @@ def packed(encoded: list[Encoded], size: int, landmark_set: str) -> PackedHands:
     )
 
 
-def pack_labels(recipe: LandmarkRecipe, quality: int, landmark_set: str) -> PackedHands:
+def pack_labels(
+    recipe: LandmarkRecipe, quality: int, landmark_set: str, exchanged: int = 0
+) -> PackedHands:
     """Crops of the training, validation and test hands of landmark files; validation hands train here.
 
     Args:
         recipe: Files and crops.
         quality: Quality of WebP, 1 to 100.
         landmark_set: Landmark set of the labels.
+        exchanged: Number of further training hands, with fingers of other hands.
     """
     splits = LandmarkSplits(recipe)
     encoded = []
@@ -114,6 +119,14 @@ def pack_labels(recipe: LandmarkRecipe, quality: int, landmark_set: str) -> Pack
         for sample in _samples(splits.dataset(split), split):
             corner, content = encode(sample.image.numpy(), quality)
             encoded.append(Encoded(sample, split == "test", corner, content))
+    if exchanged:
+        train = splits.dataset("train")
+        with TemporaryDirectory() as folder:
+            further = WithExchangedFingers(train, exchanged, Path(folder))
+            for index in range(len(train), len(further)):
+                sample = further[index]
+                corner, content = encode(sample.image.numpy(), quality)
+                encoded.append(Encoded(sample, False, corner, content))
     return packed(encoded, recipe.crop.size, landmark_set)
 
 
@@ -169,7 +182,7 @@ def main(words: list[str] | None = None) -> None:
         train=arguments.labels, test=arguments.test, images=arguments.images, side=arguments.side,
         crop=CropPolicy(encoding.size, "joints", arguments.expansion),
     )  # fmt: skip
-    hands = pack_labels(recipe, encoding.quality, arguments.landmark_set)
+    hands = pack_labels(recipe, encoding.quality, arguments.landmark_set, arguments.exchanged)
     hands.write(out / HANDS)
     _check_size(out / HANDS)
     print(
@@ -220,6 +233,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--size", type=int, default=Encoding.size, help="side of the crops")
     parser.add_argument("--quality", type=int, default=Encoding.quality, help="of WebP")
     parser.add_argument("--expansion", type=float, default=1.5, help="crop's side per box's")
+    parser.add_argument(
+        "--exchanged", type=int, default=0, help="further hands with fingers of other hands"
+    )
     parser.add_argument("--hands-in-3d", metavar="LEVEL:COUNT", help="rendered test hands with 3D")
     return parser
 

@@ -36,7 +36,7 @@ VIEW: Final = 0.8235
 CLIP: Final = 3e5
 """Largest norm of the gradient."""
 
-WEIGHT_DECAY: Final = 1e-4
+WEIGHT_DECAY: Final = 1e-2
 """Weight decay of AdamW."""
 
 SOLID_ANGLES: Final = 1 << 24

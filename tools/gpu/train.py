@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     add("--precision", choices=("bf16", "fp32"), default="bf16", help="of the convolutions")
     add("--compile", action="store_true", help="compile the backbone")
     add("--rendered", type=int, default=20_000, help="most rendered hands; 0 for none")
-    add("--rendered-share", type=float, default=0.25, help="share of them in a batch")
+    add("--rendered-share", type=float, default=0.15, help="share of them in a batch")
     add("--render-seconds", type=float, default=60.0, help="time for rendering, before the rows")
     add("--level", default="any_pose", help="level of rendered hands")
     add("--processes", type=int, help="rendering processes; by default one core is left")

@@ -34,7 +34,7 @@ class Plan:
     """Number of steps, if the learning rate is to follow them; the time limit holds all the same."""
     batch_size: int = 256
     """Hands per step."""
-    rendered_share: float = 0.25
+    rendered_share: float = 0.15
     """Share of rendered hands in each batch, if there are any."""
     warmup: int = 100
     """Steps in which the learning rate rises."""
