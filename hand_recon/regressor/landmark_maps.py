@@ -24,15 +24,10 @@ class LandmarkMaps(nn.Module):
     Args:
         channels: Channels of the features by stride.
         width: Channels of the joined features.
-        context_dropout: Probability in training that a crop's coarser features are left out, so that landmarks are
-            found by what is near them too, not by the gesture as a whole.
     """
 
-    def __init__(
-        self, channels: Mapping[int, int], width: int = 96, context_dropout: float = 0.0
-    ) -> None:
+    def __init__(self, channels: Mapping[int, int], width: int = 96) -> None:
         super().__init__()
-        self.context_dropout = context_dropout
         self.lateral = nn.ModuleDict(
             {str(stride): nn.Conv2d(channels[stride], width, 1) for stride in STRIDES}
         )
@@ -66,18 +61,10 @@ class LandmarkMaps(nn.Module):
         for stride in STRIDES:
             here = self.lateral[str(stride)](features[stride])
             if joined is not None:
-                joined = self._with_context(joined)
                 here = here + functional.interpolate(joined, here.shape[-2:], mode="nearest")
             joined = self.smooth[str(stride)](here)
         assert joined is not None  # noqa: S101
         return mean_positions(self.maps(joined).float())
-
-    def _with_context(self, coarse: Tensor) -> Tensor:
-        """Coarser features, in training without those of the crops that are to do without."""
-        if not self.training or not self.context_dropout:
-            return coarse
-        kept = torch.rand(len(coarse), 1, 1, 1, device=coarse.device) >= self.context_dropout
-        return coarse * kept
 
 
 def mean_positions(

@@ -79,16 +79,28 @@ class PhotoEncoder(Encoder):
         Raises:
             ValueError: There are neither images nor given landmarks.
         """
-        given, visible = self._given(batch)
         if not batch.image.numel():
-            return self._without_image(batch, given, visible)
+            return self._without_image(batch)
         pyramid, position, spread = self._look(batch.image)
         located = position * batch.crop_size
         summary = torch.relu(self.summary(pyramid[32].mean(dim=(-2, -1)))).float()
+        # Mixed precision is for what looks at the image: bfloat16 rounds 200 pixels to whole ones.
+        with torch.autocast(device_type=located.device.type, enabled=False):
+            return self._joined(batch, located, spread, summary)
+
+    def _joined(
+        self,
+        batch: HandBatch,
+        located: Float[Tensor, "batch landmark=21 2"],
+        spread: Float[Tensor, "batch landmark=21"],
+        summary: Float[Tensor, "batch feature"],
+    ) -> Evidence:
+        """Evidence from found landmarks, a summary of the crop, and given landmarks."""
+        given, visible = self._given(batch)
         known = visible.any(dim=-1)
-        # The maps learn from labels alone: through the rounds of feedback, gradients are a hundred times
-        # larger.
-        landmarks = torch.where(known[:, None, None], given, located.detach())
+        # The maps learn from labels alone: the rounds of feedback have a hundred times their gradient.
+        found = located.detach()
+        landmarks = torch.where(known[:, None, None], given, found)
         shown = torch.where(known[:, None], visible, torch.ones_like(visible))
         # Found landmarks have the spread of their maps as a confidence, given ones the detector's own.
         confidence = torch.exp(-10 * spread.detach())
@@ -96,16 +108,18 @@ class PhotoEncoder(Encoder):
         if detected is None:
             detected = torch.full_like(confidence, torch.nan)
         confidence = torch.where(known[:, None], detected, confidence)
-        motion = upright_motion(landmarks.detach(), shown, batch.crop_size)
+        motion = upright_motion(landmarks, shown, batch.crop_size)
         landmarks = move_points(landmarks, motion)
-        difference = self._difference(given, located, visible, batch.crop_size)
         features = torch.cat(
             [
                 self.landmarks.features(_seen(batch, landmarks, shown, confidence)),
-                summary, difference, known[:, None].float(), torch.ones_like(summary[:, :1]),
+                summary,
+                _difference(found - given, visible, batch.crop_size),
+                known[:, None].float(),
+                torch.ones_like(summary[:, :1]),
             ],
             dim=-1,
-        )  # fmt: skip
+        )
         return Evidence(features, landmarks, shown, motion, located)
 
     def _look(
@@ -122,9 +136,8 @@ class PhotoEncoder(Encoder):
         share = seen.shape[-1] / size
         return pyramid, border / size + share * position, share * spread
 
-    def _without_image(
-        self, batch: HandBatch, given: Tensor, visible: Bool[Tensor, "batch landmark=21"]
-    ) -> Evidence:
+    def _without_image(self, batch: HandBatch) -> Evidence:
+        given, visible = self._given(batch)
         if not self.gives_landmarks and not self.training:
             raise ValueError(
                 "These data have landmarks alone, and the model is asked to look at images only. Set "
@@ -151,13 +164,15 @@ class PhotoEncoder(Encoder):
         chosen = torch.rand(len(batch), 1, device=points.device) < share
         return moved, self.landmarks.shown(replace(batch, labelled=visible & chosen)).labelled
 
-    def _difference(
-        self, given: Tensor, located: Tensor, visible: Tensor, crop_size: int
-    ) -> Float[Tensor, "batch coordinate=42"]:
-        """Found minus given landmarks in `_UNIT`s, clipped; zero where none is given."""
-        difference = (located.detach() - given).masked_fill(~visible[..., None], 0.0)
-        difference = difference * (REFERENCE_SIZE / crop_size / _UNIT)
-        return difference.clamp(-_LIMIT, _LIMIT).flatten(1)
+
+def _difference(
+    difference: Float[Tensor, "batch landmark=21 2"],
+    visible: Bool[Tensor, "batch landmark=21"],
+    crop_size: int,
+) -> Float[Tensor, "batch coordinate=42"]:
+    """Found minus given landmarks in `_UNIT`s, clipped; zero where none is given."""
+    difference = difference.masked_fill(~visible[..., None], 0.0)
+    return (difference * (REFERENCE_SIZE / crop_size / _UNIT)).clamp(-_LIMIT, _LIMIT).flatten(1)
 
 
 def _seen(

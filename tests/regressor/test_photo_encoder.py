@@ -8,6 +8,7 @@ import torch
 from hand_recon.data.augment import move
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.hand.upright import move_points
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.regressor.lifted import start_from_lifter
@@ -181,3 +182,15 @@ def test_located_error_is_the_sum_over_labelled_coordinates(pictures: HandBatch)
     assert_close(located_error(batch, found), torch.full((4,), 2 * 7 * 224 / 64))
     values = batch.landmarks_2d.masked_fill(~labelled[..., None], torch.nan)
     assert_close(located_error(replace(batch, landmarks_2d=values), found), torch.full((4,), 49.0))
+
+
+def test_mixed_precision_rounds_no_pixels(hand: HandModel, pictures: HandBatch) -> None:
+    network = photo_network(hand).eval()
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        evidence = encoder_of(network)(pictures)
+    assert evidence.motion is not None
+    assert evidence.landmarks_2d is not None
+    moved = move_points(pictures.landmarks_2d, evidence.motion)
+    # bfloat16 has steps of a quarter pixel at 40 pixels.
+    assert float((evidence.landmarks_2d - moved).abs().max()) < 1e-3
+    assert evidence.motion.pixels.dtype == torch.float32

@@ -112,6 +112,8 @@ PLACES = {
     "dexycb": ["data.root=/nowhere"],
     "ho3d": ["data.root=/nowhere"],
     "landmarks": ["data.train=/nowhere/labels.json"],
+    "photos": ["photos.train=/nowhere/labels.json"],
+    "photos_table1": ["photos.train=/nowhere/labels.json"],
     "mixture": [
         "data.parts.freihand.root=/nowhere",
         "data.parts.landmarks.train=/nowhere/labels.json",
@@ -210,7 +212,7 @@ def test_what_fit_can_be_told_composes() -> None:
         for prior in (path.stem for path in (Path(CONF) / "prior").glob("*.yaml")):
             chosen = [f"prior={prior}", *([] if data is None else [f"data={data}"])]
             config = composed(*chosen, name="fit")
-            knows = prior in ("full", "natural")
+            knows = prior in ("full", "natural", "photos")
             assert instantiate(config.descent) == Descent(finger_table=knows)
             assert instantiate(config.results) == ResultOptions()
             assert (config.get("data") is None) == (data is None)

@@ -67,8 +67,8 @@ class LandmarkRecipe:
         self.assumed()
         if self.exchanged < 0 or (self.exchanged and self.reading.folder is None):
             raise ValueError(
-                f"exchanged={self.exchanged}: such hands are made once and kept in a cache; expected 0, or more "
-                "and reading.cache_dir for their folder."
+                f"exchanged={self.exchanged}: such hands are made once and kept in a cache; expected 0, "
+                "or more and reading.cache_dir for their folder."
             )
         if self.crop.around not in AROUND:
             raise ValueError(
