@@ -170,6 +170,8 @@ def _gesture(name: Path) -> str:
     words = name.stem.replace(".", "_").split("_")
     if words[0] in ("training", "testing"):
         return words[1]
+    if words[0].isdigit():
+        return words[0]
     return "_".join(word for word in words[:-1] if word.isalpha()) or words[0]
 
 
