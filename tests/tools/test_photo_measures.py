@@ -63,7 +63,8 @@ def seen(network: Regressor) -> PhotoSet:
         intrinsics=None,
         vertices=None,
     )
-    groups = {"gesture": ("a", "b") * 4, "view": ("side", "", "", "", "", "", "", "")}
+    groups: dict[str, tuple[str, ...]] = {"gesture": ("a", "b") * 4}
+    groups |= {"view": ("side", "", "", "", "", "", "", "")}
     return PhotoSet("photographs", small, groups, tuple("abcdefgh"))
 
 
@@ -125,10 +126,8 @@ def test_tables_say_what_was_scored(network: Regressor, seen: PhotoSet) -> None:
     assert "PA-MPJPE" in whole
     groups = group_table(scored, unseen=["b"])
     left_out = float(error[1::2].mean() / error.mean())
-    assert (
-        f"| gestures left out | 4 | {scored[1].mean('E_2D', torch.arange(1, 8, 2))} | {left_out:.2f} |"
-        in groups
-    )
+    mean = scored[1].mean("E_2D", torch.arange(1, 8, 2))
+    assert f"| gestures left out | 4 | {mean} | {left_out:.2f} |" in groups
     assert "| view: side | 1 |" in groups
     entry = as_json(scored)["scores"][1]
     assert (entry["set"], entry["method"], entry["hands"]) == ("photographs", "both", 8)
