@@ -56,6 +56,7 @@ def build_module(config: DictConfig) -> HandReconstruction:
         optimizer=instantiate(OmegaConf.create(optimizer)),
         scheduler=instantiate(config.optimizer.schedule),
         supervision=instantiate(config.get("supervision") or None),
+        label_sigma=config.get("label_sigma", "learnt"),
         located_weight=config.get("located_weight", 20.0),
     )
 

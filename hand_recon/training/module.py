@@ -25,6 +25,9 @@ logger = logging.getLogger(__name__)
 STAGE_LEFT: Final = 1e6
 """Added to `val/selection`, which chooses the best checkpoint, per stage of the data term still to come."""
 
+LABEL_SIGMAS: Final = ("learnt", "given")
+"""Sources of the σ of labels."""
+
 REAL_HANDS: Final = 50_000
 """Most real hands that the discriminator is trained with: 11 MB, and more than FreiHAND has."""
 
@@ -44,9 +47,14 @@ class HandReconstruction(lightning.LightningModule):
         scheduler: Makes a learning-rate schedule from the optimizer and `total_steps`; none keeps the
             learning rate, as the paper does.
         supervision: 3D labels for some hands; none for the paper's own setting.
-        located_weight: Weight of the error of landmarks that a network finds in the image itself, per
-        pixel of a
-            224-pixel crop and coordinate; other networks have no such error.
+        label_sigma: `learnt`: the labels' noise is part of the predicted σ, as in the paper. `given`: the
+            variance of the labels, which the data know, is added to the predicted one, which is then that of
+            the network's own error.
+        located_weight: Weight of the error of landmarks that a network finds in the image itself, per pixel
+            of a 224-pixel crop and coordinate; other networks have no such error.
+
+    Raises:
+        ValueError: `label_sigma` is unknown.
     """
 
     def __init__(
@@ -59,9 +67,15 @@ class HandReconstruction(lightning.LightningModule):
         optimizer: OptimizerFactory,
         scheduler: SchedulerFactory | None = None,
         supervision: Landmarks3D | None = None,
+        label_sigma: str = "learnt",
         located_weight: float = 20.0,
     ) -> None:
         super().__init__()
+        if label_sigma not in LABEL_SIGMAS:
+            raise ValueError(
+                f"label_sigma={label_sigma!r}; expected one of {', '.join(LABEL_SIGMAS)}."
+            )
+        self.label_sigma = label_sigma
         self.regressor = regressor
         self.prior = prior
         self.data_term = data_term
@@ -92,7 +106,7 @@ class HandReconstruction(lightning.LightningModule):
     def _losses(self, batch: HandBatch, prediction: HandPrediction) -> dict[str, Tensor]:
         data = self.data_term(
             reference_residual(batch, prediction),
-            prediction.log_sigma,
+            self._log_sigma_of_residual(batch, prediction),
             batch.labelled,
             prediction.correlation,
         ).mean()
@@ -110,6 +124,16 @@ class HandReconstruction(lightning.LightningModule):
         return {"loss": total, "data": data, **raw} | {
             f"weighted/{name}": value for name, value in weighted.items()
         }
+
+    def _log_sigma_of_residual(
+        self, batch: HandBatch, prediction: HandPrediction
+    ) -> Float[Tensor, "batch landmark=21 2"]:
+        """Log σ of projection minus label: the predicted one, with the label's own σ if that is given."""
+        if self.label_sigma == "learnt" or batch.label_noise is None:
+            return prediction.log_sigma
+        noise = batch.label_noise.nan_to_num(0.0) * (REFERENCE_SIZE / batch.crop_size)
+        variance = torch.exp(2 * prediction.log_sigma) + noise.square()[..., None]
+        return variance.log() / 2
 
     def on_fit_start(self) -> None:
         """Give real hands to the discriminator, where the prior has one (Table 3a).

@@ -1,6 +1,7 @@
 """The losses, the stages of the data term, and errors in a training step."""
 
 import copy
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -103,6 +104,30 @@ def test_the_loss_is_the_data_term_and_the_weighted_prior(module: HandReconstruc
     torch.testing.assert_close(losses["loss"], expected)
     residual = (module(hands).landmarks_2d - hands.landmarks_2d) * 224 / 64
     torch.testing.assert_close(losses["data"], residual.square().sum(dim=(1, 2)).mean())
+
+
+def test_a_given_sigma_of_the_labels_adds_its_variance(
+    lifter: Callable[[DataTerm], HandReconstruction],
+) -> None:
+    plain = lifter(NegativeLogLikelihood()).eval()
+    given = copy.deepcopy(plain)
+    given.label_sigma = "given"
+    noise = torch.full((4, 21), 3.0 * 64 / 224)
+    noise[0, 5] = torch.nan  # Unknown: as if it were exact.
+    hands = replace(batch(), label_noise=noise)
+    seen = plain(hands)
+    # With a predicted σ of 4 px and a label's of 3 px, the residual has 5 px.
+    four = replace(seen, log_sigma=torch.full_like(seen.log_sigma, math.log(4.0)))
+    five = replace(seen, log_sigma=torch.full_like(seen.log_sigma, math.log(5.0)))
+    five.log_sigma[0, 5] = math.log(4.0)
+    assert_close(given.losses(hands, four)["data"], plain.losses(hands, five)["data"])
+    without = replace(hands, label_noise=None)
+    assert torch.equal(plain.losses(hands, four)["data"], given.losses(without, four)["data"])
+    with pytest.raises(ValueError, match="learnt, given"):
+        HandReconstruction(
+            plain.regressor, plain.prior, SquaredError(), scores=Scores, optimizer=torch.optim.Adam,
+            label_sigma="guessed",
+        )  # fmt: skip
 
 
 def test_a_loss_that_is_no_number_stops_the_run_and_names_the_samples(
