@@ -10,6 +10,7 @@ from hydra.core.hydra_config import HydraConfig
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
 from hand_recon.command_line.verbs import VERBS
 from hand_recon.command_line.words import to_overrides
+from hand_recon.prepare import CONFIGURATIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
@@ -46,7 +47,7 @@ def test_every_command_of_the_readme_composes(command: str) -> None:
     verb, *words = (
         command.replace("…", "/nowhere").replace("/nowhere lifter", "h.json lifter").split()
     )
-    config = "prepare_mano" if words[:1] == ["mano"] else verb
+    config = CONFIGURATIONS.get(words[0], verb) if verb == "prepare" else verb
     overrides = to_overrides(
         words, VERBS[verb], known_names(config), booleans=booleans(config), groups=groups(config)
     )
