@@ -79,7 +79,7 @@ def test_the_packaged_lifter_is_the_default_beside_all_knowledge_alone() -> None
     members = {path.stem for path in (Path(CONF) / "prior").glob("*.yaml")}
     for name, more in (("fit", []), ("predict", ["input=[]"])):
         found = {prior: composed(f"prior={prior}", *more, name=name).lifter for prior in members}
-        knowing = {"full", "natural"}
+        knowing = {"full", "natural", "photos"}
         assert found == {prior: "default" if prior in knowing else "none" for prior in members}
         for term in ("non_penetration", "shape", "range_of_motion.anatomy"):
             assert composed(f"prior.{term}=null", *more, name=name).lifter == "none"

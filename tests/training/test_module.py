@@ -125,8 +125,8 @@ def test_a_given_sigma_of_the_labels_adds_its_variance(
     assert torch.equal(plain.losses(hands, four)["data"], given.losses(without, four)["data"])
     with pytest.raises(ValueError, match="learnt, given"):
         HandReconstruction(
-            plain.regressor, plain.prior, SquaredError(), scores=lambda: plain.validation, optimizer=torch.optim.Adam,
-            label_sigma="guessed",
+            plain.regressor, plain.prior, SquaredError(), scores=lambda: plain.validation,
+            optimizer=torch.optim.Adam, label_sigma="guessed",
         )  # fmt: skip
 
 
