@@ -85,6 +85,18 @@ def bounded_log_scale(raw: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     )
 
 
+def move_points(
+    points: Float[Tensor, "*batch point 2"], matrices: Float[Tensor, "*batch 3 3"]
+) -> Float[Tensor, "*batch point 2"]:
+    """Move pixels of an image or crop to those of another; NaN stays NaN.
+
+    Args:
+        points: Pixels.
+        matrices: Affine matrices from old pixels to new ones.
+    """
+    return points @ matrices[..., :2, :2].mT + matrices[..., None, :2, 2]
+
+
 def to_true_camera(
     rotation: Float[Tensor, "*batch 3 3"],
     translation: Float[Tensor, "*batch 3"],

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from hand_recon.camera import move_points
 from hand_recon.data.appearance import Appearance
 from hand_recon.schema import CropMotion, HandBatch
 
@@ -135,11 +136,10 @@ def move(batch: HandBatch, motion: CropMotion) -> HandBatch:
     if intrinsics is not None:
         # G is orthogonal: its inverse is its transpose.
         intrinsics = motion.pixels @ intrinsics @ motion.camera.mT
-    linear, offset = motion.pixels[:, :2, :2], motion.pixels[:, :2, 2]
     return replace(
         batch,
         image=warp(batch.image, motion.pixels) if batch.image.numel() else batch.image,
-        landmarks_2d=batch.landmarks_2d @ linear.mT + offset[:, None],
+        landmarks_2d=move_points(batch.landmarks_2d, motion.pixels),
         intrinsics=intrinsics,
         landmarks_3d=None if batch.landmarks_3d is None else batch.landmarks_3d @ to_new,
         vertices=None if batch.vertices is None else batch.vertices @ to_new,

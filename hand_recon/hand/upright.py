@@ -51,18 +51,6 @@ def upright_motion(
     return CropMotion(pixels=pixels, camera=roll, scale=scale)
 
 
-def move_points(
-    points: Float[Tensor, "batch point 2"], motion: CropMotion
-) -> Float[Tensor, "batch point 2"]:
-    """Points of each crop in the pixels of the new one.
-
-    Args:
-        points: Pixels of the old crop.
-        motion: Transforms, one per crop.
-    """
-    return points @ motion.pixels[:, :2, :2].mT + motion.pixels[:, None, :2, 2]
-
-
 def _direction_up(points: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
     """Unit direction of the fingers in the image; upwards (0, −1) where it is unknown."""
     up = points.new_tensor([0.0, -1.0]).expand(len(points), 2)

@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from hand_recon.camera import REFERENCE_SIZE
-from hand_recon.hand.upright import move_points, upright_motion
+from hand_recon.camera import REFERENCE_SIZE, move_points
+from hand_recon.hand.upright import upright_motion
 from hand_recon.regressor.backbones import build_backbone
 from hand_recon.regressor.encoder import Encoder, Evidence
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
@@ -109,7 +109,7 @@ class PhotoEncoder(Encoder):
             detected = torch.full_like(confidence, torch.nan)
         confidence = torch.where(known[:, None], detected, confidence)
         motion = upright_motion(landmarks, shown, batch.crop_size)
-        landmarks = move_points(landmarks, motion)
+        landmarks = move_points(landmarks, motion.pixels)
         features = torch.cat(
             [
                 self.landmarks.features(_seen(batch, landmarks, shown, confidence)),
@@ -144,7 +144,7 @@ class PhotoEncoder(Encoder):
                 "model.encoder.gives_landmarks=true, or use data with images."
             )
         motion = upright_motion(given, visible, batch.crop_size)
-        landmarks = move_points(given, motion)
+        landmarks = move_points(given, motion.pixels)
         features = self.landmarks.features(_seen(batch, landmarks, visible, batch.confidence))
         rest = features.new_zeros(len(features), self.feature_size - features.shape[-1])
         rest[:, -2] = 1.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
+from hand_recon.camera import move_points
 from hand_recon.data.augment import move
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
-from hand_recon.hand.upright import move_points
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.regressor.lifted import start_from_lifter
@@ -190,7 +190,7 @@ def test_mixed_precision_rounds_no_pixels(hand: HandModel, pictures: HandBatch) 
         evidence = encoder_of(network)(pictures)
     assert evidence.motion is not None
     assert evidence.landmarks_2d is not None
-    moved = move_points(pictures.landmarks_2d, evidence.motion)
+    moved = move_points(pictures.landmarks_2d, evidence.motion.pixels)
     # bfloat16 has steps of a quarter pixel at 40 pixels.
     assert float((evidence.landmarks_2d - moved).abs().max()) < 1e-3
     assert evidence.motion.pixels.dtype == torch.float32

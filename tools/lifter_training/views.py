@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.camera import REFERENCE_SIZE, project
+from hand_recon.camera import REFERENCE_SIZE, move_points, project
 from hand_recon.hand.skeleton import FINGERS
 from hand_recon.hand.upright import upright_motion
 from hand_recon.schema import HandBatch
@@ -70,16 +70,15 @@ def sample_views(
     noisy = exact + _detector_noise(points, exact, noise, generator)
     labelled = _given(len(hands), noise, generator)
     motion = upright_motion(noisy, labelled, int(REFERENCE_SIZE))
-    linear, offset = motion.pixels[:, :2, :2], motion.pixels[:, None, :2, 2]
     seen = HandBatch(
         image=torch.empty(len(hands), 3, 0, 0),
-        landmarks_2d=noisy @ linear.mT + offset,
+        landmarks_2d=move_points(noisy, motion.pixels),
         labelled=labelled,
         index=torch.arange(len(hands)),
         source=("",) * len(hands),
         intrinsics=motion.pixels @ camera @ motion.camera.mT,
     )
-    return Views(seen, exact @ linear.mT + offset, points @ motion.camera.mT)
+    return Views(seen, move_points(exact, motion.pixels), points @ motion.camera.mT)
 
 
 def random_rotations(count: int, generator: torch.Generator) -> Float[Tensor, "hand 3 3"]:

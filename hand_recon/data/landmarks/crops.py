@@ -9,13 +9,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from hand_recon.camera import move_points
 from hand_recon.data.landmarks.image_landmarks import (
     ImageLandmarks,
     boxes,
     mirror_camera,
     mirror_left,
     mirror_matrices,
-    move_points,
 )
 from hand_recon.schema import (
     REFERENCE_SIZE,

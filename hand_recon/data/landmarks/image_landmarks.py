@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from hand_recon.camera import move_points
 from hand_recon.schema import HandEstimate
 
 FEWEST: Final = 4
@@ -161,13 +162,6 @@ def _mirrored_boxes(
 def mirror_left(landmarks: ImageLandmarks) -> ImageLandmarks:
     """All hands as right hands; `mirror(result, landmarks.left)` undoes it."""
     return mirror(landmarks, landmarks.left)
-
-
-def move_points(
-    points: Float[Tensor, "hand point 2"], matrices: Float[Tensor, "hand 3 3"]
-) -> Float[Tensor, "hand point 2"]:
-    """Apply one affine matrix per hand to points; NaN stays NaN."""
-    return points @ matrices[:, :2, :2].mT + matrices[:, None, :2, 2]
 
 
 def mirror_camera(

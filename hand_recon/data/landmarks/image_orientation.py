@@ -13,7 +13,8 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float
 
-from hand_recon.data.landmarks.image_landmarks import ImageLandmarks, move_points
+from hand_recon.camera import move_points
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.image_sizes import stored_size, upright_size
 
 logger = logging.getLogger(__name__)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from hand_recon.camera import move_points
 from hand_recon.data.synthetic.image_store import COLUMNS, ensure_store
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.hand.model import HandModel
@@ -151,10 +152,9 @@ class SyntheticHands(Dataset[HandSample]):
 def _upright(labels: dict[str, Tensor], crop_size: int) -> dict[str, Tensor]:
     """Rotate views into upright crops around the landmarks, with their cameras and ground truth."""
     motion = upright_motion(labels["landmarks_2d"], labels["labelled"], crop_size)
-    linear, offset = motion.pixels[:, :2, :2], motion.pixels[:, :2, 2]
     camera = motion.camera
     return labels | {
-        "landmarks_2d": labels["landmarks_2d"] @ linear.mT + offset[:, None],
+        "landmarks_2d": move_points(labels["landmarks_2d"], motion.pixels),
         "label_noise": labels["label_noise"] * motion.scale[:, None],
         "intrinsics": motion.pixels @ labels["intrinsics"] @ camera.mT,
         "landmarks_3d": labels["landmarks_3d"] @ camera.mT,
