@@ -93,7 +93,7 @@ class PhotoResults:
             logger.info("%d images are done already.", len(done))
         with (
             writing_hands(hands, kept) as self.write,
-            _appending(progress, batches) as self.record,
+            appending(progress, batches) as self.record,
         ):
             yield done
         records = read_hands(hands)
@@ -225,7 +225,7 @@ def _made(folder: Path) -> Path:
 
 
 @contextmanager
-def _appending(
+def appending(
     path: Path, batches: Sequence[list[dict[str, Any]]]
 ) -> Iterator[Callable[[list[dict[str, Any]]], None]]:
     """Write the rows of batches as JSON, a batch to a line; yields the function that appends a batch.

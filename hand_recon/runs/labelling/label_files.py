@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from hand_recon.runs.labelling.label_records import LabelledHand, LabelledImage, listed
-from hand_recon.runs.photo_results import read_progress
+from hand_recon.runs.photo_results import appending, read_progress
 
 LABELS: Final = "labels.json"
 """Labels to train on."""
@@ -56,17 +56,7 @@ def recording(path: Path) -> Iterator[tuple[list[LabelledImage], AddImages]]:
         path: The file.
     """
     batches = read_progress(path)
-    beginning = path.with_name(f"{path.name}.new")
-    with beginning.open("w", encoding="utf-8") as stream:
-
-        def append(rows: Sequence[Mapping[str, Any]]) -> None:
-            stream.write(json.dumps(rows) + "\n")
-            stream.flush()
-
-        for rows in batches:
-            append(rows)
-        os.fsync(stream.fileno())
-        os.replace(beginning, path)
+    with appending(path, batches) as append:
         done = [LabelledImage.from_row(row) for rows in batches for row in rows]
         yield done, lambda images: append([image.to_row() for image in images])
 
