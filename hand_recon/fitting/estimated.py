@@ -1,5 +1,7 @@
 """Hands from a network's estimate beside their landmarks: as the result or as a start of a fit."""
 
+from dataclasses import replace
+
 import torch
 
 from hand_recon.camera import project
@@ -56,12 +58,7 @@ def estimated_start(observation: Observation, hand: HandModel) -> Start:
         translation = position_of(
             points, observation.landmarks_2d, observation.labelled, observation.intrinsics
         )
-    return Start(
-        found.joint_angles[:, None],
-        found.root_rotation[:, None],
-        translation[:, None],
-        found.shape[:, None],
-    )
+    return Start.one_each(replace(found, translation=translation))
 
 
 def _estimate(observation: Observation) -> HandEstimate:

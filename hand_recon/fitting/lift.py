@@ -56,7 +56,7 @@ def lifted_start(regressor: Regressor, observation: Observation) -> Start:
     No surface is posed, which would take most of the time.
     """
     batch, motion = _upright(observation)
-    return _start(_in_true_camera(regressor.place(batch), motion, observation.intrinsics))
+    return Start.one_each(_in_true_camera(regressor.place(batch), motion, observation.intrinsics))
 
 
 @torch.no_grad()
@@ -81,7 +81,7 @@ def carried_start(
     translation = position_of(
         points, observation.landmarks_2d, observation.labelled, observation.intrinsics
     )
-    return _start(HandParameters(angles, shape, rotation, translation))
+    return Start.one_each(HandParameters(angles, shape, rotation, translation))
 
 
 def position_of(
@@ -136,13 +136,3 @@ def _in_true_camera(
 ) -> HandParameters:
     """Parameters of upright crops in the camera of the observation."""
     return in_camera(found, motion, intrinsics, REFERENCE_SIZE)
-
-
-def _start(found: HandParameters) -> Start:
-    """Parameters as one start per hand."""
-    return Start(
-        found.joint_angles[:, None],
-        found.root_rotation[:, None],
-        found.translation[:, None],
-        found.shape[:, None],
-    )

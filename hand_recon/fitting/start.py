@@ -56,6 +56,20 @@ class Start:
         return cls(found.joint_angles, found.root_rotation, found.translation, found.shape)
 
     @classmethod
+    def one_each(cls, found: HandParameters) -> Self:
+        """One start per hand, batch × 1.
+
+        Args:
+            found: Parameters of a batch of hands.
+        """
+        return cls(
+            found.joint_angles[:, None],
+            found.root_rotation[:, None],
+            found.translation[:, None],
+            found.shape[:, None],
+        )
+
+    @classmethod
     def beside(cls, starts: Sequence[Self]) -> Self:
         """Join starts of the same hands, batch × start each, along their second axis."""
         return cls(

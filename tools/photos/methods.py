@@ -54,13 +54,7 @@ class Refinement:
         if batch.intrinsics is not None:
             cameras = batch.intrinsics * torch.tensor([scale, scale, 1.0])[:, None]
         sigma = None if batch.label_noise is None else batch.label_noise * scale
-        parameters = seen.parameters
-        start = Start(
-            parameters.joint_angles[:, None],
-            parameters.root_rotation[:, None],
-            parameters.translation[:, None],
-            parameters.shape[:, None],
-        )
+        start = Start.one_each(seen.parameters)
         found = descend(
             Observation(batch.landmarks_2d * scale, batch.labelled, cameras, sigma),
             self.objective,
