@@ -131,7 +131,9 @@ def test_tables_say_what_was_scored(network: Regressor, seen: PhotoSet) -> None:
     assert "| view: side | 1 |" in groups
     entry = as_json(scored)["scores"][1]
     assert (entry["set"], entry["method"], entry["hands"]) == ("photographs", "both", 8)
-    assert 0 <= entry["calibration"]["within 1 σ"] <= entry["calibration"]["within 2 σ"] <= 1
+    assert (
+        0 <= entry["calibration"]["coverage_1sigma"] <= entry["calibration"]["coverage_2sigma"] <= 1
+    )
 
 
 def test_a_page_has_every_method_in_two_views(network: Regressor, seen: PhotoSet) -> None:

@@ -146,7 +146,7 @@ def read_clip(folder: Path, every: int) -> Clip:
         FileNotFoundError: A file is missing.
     """
     values = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
-    read = [read_hands(_frames(folder / f"cam{number}.mp4", every)) for number in (0, 1)]
+    read = [read_hands(video_frames(folder / f"cam{number}.mp4", every)) for number in (0, 1)]
     pairs = [
         (every * number, one, other)
         for number, (one, other) in enumerate(zip(*read, strict=False))
@@ -158,8 +158,16 @@ def read_clip(folder: Path, every: int) -> Clip:
     return Clip((Camera.read(values["cam0"]), Camera.read(values["cam1"])), (first, second), frames)
 
 
-def _frames(path: Path, every: int) -> Iterator[Image]:
-    """Some frames of a video, RGB."""
+def video_frames(path: Path, every: int = 1) -> Iterator[Image]:
+    """Read some frames of a video, RGB.
+
+    Args:
+        path: The video.
+        every: Step between frames.
+
+    Raises:
+        FileNotFoundError: There is no such video.
+    """
     if not path.is_file():
         raise FileNotFoundError(
             f"No video at {path}; expected cam0.mp4 and cam1.mp4 in the folder."

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
-from scipy.stats import spearmanr
 from torch import Tensor
 
 from depth.scores import Mean, aligned_errors, grouped_mean, second_view_errors
 from hand_recon.camera import REFERENCE_SIZE
+from hand_recon.evaluation.calibration import Calibration
 from hand_recon.evaluation.landmarks_2d import landmark_error_2d
 from hand_recon.evaluation.plausibility import ROM_TOLERANCE, range_violation
 from hand_recon.hand.model import HandModel
@@ -29,7 +29,7 @@ class Scored:
     """E_2D (pixels of a 224-pixel crop), PCK@0.10, PR, ROM (0 or 100), and where a clip has them PA-MPJPE
     (mm) and the error in the second camera (pixels)."""
     calibration: dict[str, float]
-    """Shares of residuals within one and two σ, and σ's rank correlation with the error."""
+    """Scores of σ, as `hand_recon.evaluation.calibration.Calibration` names them."""
 
     def mean(self, name: str, rows: Tensor | None = None) -> Mean:
         """Mean of a score over hands, with its interval.
@@ -75,19 +75,12 @@ def score(hands: PhotoSet, method: str, prediction: HandPrediction, hand: HandMo
         values["PA-MPJPE"] = aligned.mean(dim=-1)
     if hands.second is not None:
         values["second view"] = second_view_errors(prediction.landmarks_3d, hands.second)
-    return Scored(hands, method, prediction, values, _calibration(hands, prediction, error))
+    return Scored(hands, method, prediction, values, _calibration(hands, prediction))
 
 
-def _calibration(
-    hands: PhotoSet, prediction: HandPrediction, error: Float[Tensor, "hand landmark=21"]
-) -> dict[str, float]:
-    scale = REFERENCE_SIZE / hands.batch.crop_size
-    sigma = prediction.log_sigma.exp()
-    deviations = ((prediction.landmarks_2d - hands.batch.landmarks_2d) * scale / sigma).abs()
-    known = hands.batch.labelled
-    joint = sigma.square().sum(dim=-1).sqrt()
-    return {
-        "within 1 σ": float((deviations[known] < 1).double().mean()),
-        "within 2 σ": float((deviations[known] < 2).double().mean()),
-        "rank of σ": float(spearmanr(joint[known].numpy(), error[known].numpy()).statistic),
-    }
+def _calibration(hands: PhotoSet, prediction: HandPrediction) -> dict[str, float]:
+    batch = hands.batch
+    metric = Calibration()
+    residual = (prediction.landmarks_2d - batch.landmarks_2d) * (REFERENCE_SIZE / batch.crop_size)
+    metric.update(residual, prediction.log_sigma, batch.labelled, None, batch.index)
+    return metric.compute()

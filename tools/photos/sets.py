@@ -7,24 +7,20 @@ from typing import Final
 
 import cv2
 import numpy as np
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from depth.sets import SecondCamera
 from depth.stereo import stereo_clip
-from hand_recon.data.crop import (
-    CropPolicy,
-    HandRegion,
-    crop_image,
-    crop_intrinsics,
-    crop_points,
-)
+from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
 from hand_recon.data.datamodule import HandDataset, load_batch
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
+from hand_recon.detection.detector import DetectedHand
 from hand_recon.hand.skeleton import LANDMARKS
-from hand_recon.schema import HandBatch
+from hand_recon.runs.photo_crops import frame_of, sample_of
+from hand_recon.schema import HandBatch, collate
+from landmark_noise.clip import video_frames
 
 PALM: Final = tuple(
     LANDMARKS.index(name)
@@ -131,12 +127,7 @@ def _frames(video: Path, numbers: list[int]) -> list[np.ndarray]:
     Raises:
         ValueError: The video has too few frames.
     """
-    reader, frames = cv2.VideoCapture(str(video)), []
-    while True:
-        read, frame = reader.read()
-        if not read:
-            break
-        frames.append(np.ascontiguousarray(frame[..., ::-1]))
+    frames = list(video_frames(video))
     if max(numbers) >= len(frames):
         raise ValueError(
             f"{video} has {len(frames)} frames; expected more than {max(numbers)}, as its landmarks have."
@@ -148,21 +139,12 @@ def _cut(
     frames: list[np.ndarray], points: np.ndarray, policy: CropPolicy, camera: np.ndarray
 ) -> HandBatch:
     """Crops of right hands about their landmarks."""
-    images, labels, cameras = [], [], []
-    for frame, landmarks in zip(frames, points, strict=True):
-        matrix = policy.matrix(frame.shape[:2], HandRegion(landmarks.astype(float)))
-        pixels = crop_image(frame, matrix, policy.size)
-        images.append(torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))))
-        labels.append(torch.from_numpy(crop_points(landmarks.astype(float), matrix)).float())
-        cameras.append(torch.from_numpy(crop_intrinsics(camera, matrix)).float())
-    return HandBatch(
-        image=torch.stack(images),
-        landmarks_2d=torch.stack(labels),
-        labelled=torch.ones(len(images), 21, dtype=torch.bool),
-        index=torch.arange(len(images)),
-        source=("",) * len(images),
-        intrinsics=torch.stack(cameras),
-    )
+    samples = []
+    for number, (frame, landmarks) in enumerate(zip(frames, points, strict=True)):
+        hand = DetectedHand(landmarks.astype(float), "right", None, 1.0)
+        sample, _ = sample_of(frame, hand, frame_of(hand, "joints"), policy, camera)
+        samples.append(replace(sample, index=number))
+    return collate(samples)
 
 
 def _gesture(name: Path) -> str:

@@ -10,7 +10,7 @@ from photos.scores import Scored
 COLUMNS: Final = ("E_2D", "PCK@0.10", "PR", "ROM", "PA-MPJPE", "second view")
 """Scores in the order of the table's columns."""
 
-CALIBRATION: Final = ("within 1 σ", "within 2 σ", "rank of σ")
+CALIBRATION: Final = ("coverage_1sigma", "coverage_2sigma", "rank_sigma_error")
 """Calibration in the order of the table's columns."""
 
 
