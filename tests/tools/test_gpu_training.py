@@ -199,7 +199,7 @@ def test_on_a_gpu_all_draws_of_the_augmentation_are_made_there() -> None:
 
 @pytest.mark.parametrize("training", [True, False])
 def test_nothing_in_a_step_is_made_on_another_device(hands: ResidentHands, training: bool) -> None:
-    """What does not name its device is made on one that holds no numbers, and then cannot be used."""
+    """Tensors that are made without a device land on the meta device, whose values cannot be read."""
     module = module_of(5).train(training)
     batch = augmented(hands.batch(torch.arange(6)), photo_augmentation(), 0)
     module.data_term.begin(step=3, epoch=0, total_steps=4)
