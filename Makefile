@@ -48,8 +48,8 @@ photos: $(STAMP)  ## Train a network that sees: PICTURES=<folder of photographs>
 
 table1-photos: $(STAMP)  ## The paper's Table 1 on photographs, PICTURES=<folder>: the same 15 minutes for each row, RUNS=2 at a time; then the report.
 	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table1-photos PICTURES=<folder>" >&2; exit 1; }
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 name=photos $(PHOTOS) $(AT_ONCE) $(ARGS)
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row2,ablation_row3 seed=0 name=photos $(PHOTOS) $(AT_ONCE) $(ARGS)
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row2,ablation_row3 seed=0 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
 	$(BIN)/python -m hand_recon.report
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
