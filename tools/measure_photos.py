@@ -14,6 +14,7 @@ from pathlib import Path
 
 import torch
 
+from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.results import write_json
 from photos.drawing import draw_page
@@ -32,6 +33,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--clip", type=Path, help="folder of cam0.mp4, calibration.json and landmarks.npz")
     add("--every", type=int, default=1, help="step between frames of the clip")
     add("--ways", nargs="+", help="some of: pixels, 'pixels + fit', both, 'both + fit'")
+    add("--turns", nargs="*", type=float, help="degrees of further looks; none for one look")
     add("--groups", action="store_true", help="tables by folder, gesture, view, lightness")
     add(
         "--unseen",
@@ -56,6 +58,8 @@ def main(words: Sequence[str] | None = None) -> None:
         name, _, path = text.rpartition("=")
         trained = load_trained(path)
         regressor = trained.module.regressor
+        if arguments.turns is not None and isinstance(regressor.encoder, PhotoEncoder):
+            regressor.encoder.turns = tuple(arguments.turns)
         size = int(trained.config.crop_size)
         for hands in _sets(arguments, size):
             for way, run in methods(regressor).items():

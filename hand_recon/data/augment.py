@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
-from torch.nn import functional
 
-from hand_recon.camera import move_points
+from hand_recon.camera import move_pixels, move_points
 from hand_recon.data.appearance import Appearance
 from hand_recon.schema import CropMotion, HandBatch
 
@@ -138,7 +137,7 @@ def move(batch: HandBatch, motion: CropMotion) -> HandBatch:
         intrinsics = motion.pixels @ intrinsics @ motion.camera.mT
     return replace(
         batch,
-        image=warp(batch.image, motion.pixels) if batch.image.numel() else batch.image,
+        image=move_pixels(batch.image, motion.pixels) if batch.image.numel() else batch.image,
         landmarks_2d=move_points(batch.landmarks_2d, motion.pixels),
         intrinsics=intrinsics,
         landmarks_3d=None if batch.landmarks_3d is None else batch.landmarks_3d @ to_new,
@@ -147,26 +146,6 @@ def move(batch: HandBatch, motion: CropMotion) -> HandBatch:
         if batch.label_noise is None
         else batch.label_noise * motion.scale[:, None],
     )
-
-
-def warp(
-    image: Float[Tensor, "batch channel height width"], pixels: Float[Tensor, "batch 3 3"]
-) -> Float[Tensor, "batch channel height width"]:
-    """Resample square images bilinearly, black outside.
-
-    Args:
-        image: Square images.
-        pixels: Matrix from old to new pixels; pixel i covers [i, i + 1) as in `hand_recon.data.crop`.
-    """
-    size = image.shape[-1]
-    to_pixels = pixels.new_tensor([[size / 2, 0, size / 2], [0, size / 2, size / 2], [0, 0, 1]])
-    # The grid holds the source of each new pixel, in units in which the image spans [−1, 1].
-    source = (torch.linalg.inv(pixels @ to_pixels) @ to_pixels)[:, :2].to(image)
-    centres = (torch.arange(size, device=image.device, dtype=image.dtype) + 0.5) * 2 / size - 1
-    # An outer sum: on a CPU fifty times faster than `affine_grid`, which multiplies matrices.
-    rows = source[..., 1:2] * centres + source[..., 2:]
-    grid = source[..., 0, None, None] * centres + rows[..., None]
-    return functional.grid_sample(image, grid.permute(0, 2, 3, 1), align_corners=False)
 
 
 def to_float(batch: HandBatch) -> HandBatch:

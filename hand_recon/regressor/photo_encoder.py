@@ -1,5 +1,6 @@
 """Evidence from a crop, from a detector's landmarks, or from both (Sec. 4.1)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,6 +14,7 @@ from hand_recon.regressor.backbones import build_backbone
 from hand_recon.regressor.encoder import Encoder, Evidence
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.regressor.landmark_maps import LandmarkMaps
+from hand_recon.regressor.looks import Look, look_around
 from hand_recon.schema import HandBatch
 
 _UNIT: Final = 20.0
@@ -37,13 +39,15 @@ class PhotoEncoder(Encoder):
         landmarks: Encoder of the landmarks.
         frozen: Number of leading layers of the backbone that keep their weights in training.
         width: Features of the crop as a whole.
-        gives_landmarks: Whether the batch's landmarks are a detector's and are given to the network,
-        outside of
-            training.
+        gives_landmarks: Whether the batch's landmarks are a detector's and are given to the network, outside
+            of training.
         view: Side of the middle part of the crop that the network looks at, as a share of the crop's.
+        turns: Outside of training, look at the crop turned by right angles, and at the surest of these
+            turned further by these angles, in degrees; one look if empty.
         given_share: Share of training hands whose landmarks are given.
         given_noise: Standard deviation of the noise of given landmarks in training, pixels of a 224-pixel
-        crop. map_width: Channels of the features from which landmarks are found.
+            crop.
+        map_width: Channels of the features from which landmarks are found.
     """
 
     has_landmarks = True
@@ -58,6 +62,7 @@ class PhotoEncoder(Encoder):
         width: int = 256,
         gives_landmarks: bool = False,
         view: float = 1.0,
+        turns: Sequence[float] = (),
         given_share: float = 0.25,
         given_noise: float = 5.0,
         map_width: int = 96,
@@ -69,6 +74,7 @@ class PhotoEncoder(Encoder):
         self.landmarks = landmarks
         self.gives_landmarks = gives_landmarks
         self.view = view
+        self.turns = tuple(turns)
         self.given_share = given_share
         self.given_noise = given_noise
         self.feature_size = landmarks.feature_size + width + 42 + 2
@@ -81,29 +87,24 @@ class PhotoEncoder(Encoder):
         """
         if not batch.image.numel():
             return self._without_image(batch)
-        pyramid, position, spread = self._look(batch.image)
-        located = position * batch.crop_size
-        summary = torch.relu(self.summary(pyramid[32].mean(dim=(-2, -1)))).float()
+        if self.turns and not self.training:
+            seen = look_around(self._look, batch.image, self.turns)
+        else:
+            seen = self._look(batch.image)
         # Mixed precision is for what looks at the image: bfloat16 rounds 200 pixels to whole ones.
-        with torch.autocast(device_type=located.device.type, enabled=False):
-            return self._joined(batch, located, spread, summary)
+        with torch.autocast(device_type=seen.landmarks.device.type, enabled=False):
+            return self._joined(batch, seen)
 
-    def _joined(
-        self,
-        batch: HandBatch,
-        located: Float[Tensor, "batch landmark=21 2"],
-        spread: Float[Tensor, "batch landmark=21"],
-        summary: Float[Tensor, "batch feature"],
-    ) -> Evidence:
+    def _joined(self, batch: HandBatch, seen: Look) -> Evidence:
         """Evidence from found landmarks, a summary of the crop, and given landmarks."""
         given, visible = self._given(batch)
         known = visible.any(dim=-1)
         # The maps learn from labels alone: the rounds of feedback have a hundred times their gradient.
-        found = located.detach()
+        found = seen.landmarks.detach()
         landmarks = torch.where(known[:, None, None], given, found)
         shown = torch.where(known[:, None], visible, torch.ones_like(visible))
         # Found landmarks have the spread of their maps as a confidence, given ones the detector's own.
-        confidence = torch.exp(-10 * spread.detach())
+        confidence = torch.exp(-10 * seen.spread.detach())
         detected = batch.confidence
         if detected is None:
             detected = torch.full_like(confidence, torch.nan)
@@ -113,28 +114,25 @@ class PhotoEncoder(Encoder):
         features = torch.cat(
             [
                 self.landmarks.features(_seen(batch, landmarks, shown, confidence)),
-                summary,
+                seen.summary,
                 _difference(found - given, visible, batch.crop_size),
                 known[:, None].float(),
-                torch.ones_like(summary[:, :1]),
+                torch.ones_like(seen.summary[:, :1]),
             ],
             dim=-1,
         )
-        return Evidence(features, landmarks, shown, motion, located)
+        return Evidence(features, landmarks, shown, motion, seen.landmarks)
 
-    def _look(
-        self, image: Float[Tensor, "batch 3 height width"]
-    ) -> tuple[
-        dict[int, Tensor], Float[Tensor, "batch landmark=21 2"], Float[Tensor, "batch landmark=21"]
-    ]:
-        """Features by stride, and landmarks with their spread, 0–1 over the crop."""
+    def _look(self, image: Float[Tensor, "batch 3 size size"]) -> Look:
+        """Landmarks with their spread, and a summary of the crop, from one look at it."""
         size = image.shape[-1]
         border = round((1 - self.view) / 2 * size)
-        seen = image[..., border : size - border, border : size - border]
-        pyramid = self.backbone(seen)
+        view = image[..., border : size - border, border : size - border]
+        pyramid = self.backbone(view)
         position, spread = self.maps(pyramid)
-        share = seen.shape[-1] / size
-        return pyramid, border / size + share * position, share * spread
+        share = view.shape[-1] / size
+        summary = torch.relu(self.summary(pyramid[32].mean(dim=(-2, -1)))).float()
+        return Look(border + share * size * position, share * spread, summary)
 
     def _without_image(self, batch: HandBatch) -> Evidence:
         given, visible = self._given(batch)

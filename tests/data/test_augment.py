@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from hand_recon.camera import project
-from hand_recon.data.augment import Augmentation, move, to_float, warp
+from hand_recon.camera import move_pixels, project
+from hand_recon.data.augment import Augmentation, move, to_float
 from hand_recon.schema import CropMotion, HandBatch
 
 SIZE = 48
@@ -109,7 +109,7 @@ def test_no_change_changes_nothing() -> None:
 def test_half_a_turn_turns_the_image_round() -> None:
     image = make_batch().image.float()
     half_turn = torch.tensor([[-1.0, 0, SIZE], [0, -1, SIZE], [0, 0, 1]]).repeat(4, 1, 1)
-    torch.testing.assert_close(warp(image, half_turn), image.flip(-1, -2), atol=0.1, rtol=0)
+    torch.testing.assert_close(move_pixels(image, half_turn), image.flip(-1, -2), atol=0.1, rtol=0)
 
 
 def test_a_zoom_by_two_doubles_lengths_and_label_noise() -> None:

@@ -62,6 +62,25 @@ def test_pixels_alone_do_not_see_the_labels(hand: HandModel, pictures: HandBatch
         assert torch.equal(first, network(hidden).landmarks_3d)
 
 
+def test_turned_looks_are_for_outside_of_training(hand: HandModel, pictures: HandBatch) -> None:
+    network = photo_network(hand, gives=False).eval()
+    encoder = encoder_of(network)
+    with torch.no_grad():
+        one = network(pictures)
+        encoder.turns = (-20.0, 20.0)
+        several = network(pictures)
+    assert one.located_2d is not None and several.located_2d is not None  # noqa: PT018
+    assert (one.located_2d - several.located_2d).abs().max() > 1e-3
+    # In training, looks at turned crops would cost six times the time.
+    encoder.train()
+    encoder.backbone.eval()
+    encoder.maps.eval()
+    with torch.no_grad():
+        trained = encoder(pictures).located_2d
+    assert trained is not None
+    assert (trained - one.located_2d).abs().max() < 1e-3
+
+
 def test_given_landmarks_count_only_where_they_are_labelled(
     hand: HandModel, pictures: HandBatch
 ) -> None:
