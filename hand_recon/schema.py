@@ -85,6 +85,8 @@ class HandEstimate(_TensorRecord):
     """Parameters of the right hand, or of the right hand that mirrors a left one, camera frame."""
     log_sigma: Float[Tensor, "*batch landmark=21 2"]
     """log σ of each coordinate, σ in pixels of the landmarks beside it."""
+    seen_pose: Float[Tensor, "*batch joint=15 axis=3"] | None = None
+    """Joint angles that the network sees in pixels alone, radians; NaN where it saw none."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import torch
 
+from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.results import write_json
@@ -56,13 +57,9 @@ def main(words: Sequence[str] | None = None) -> None:
     scored: list[Scored] = []
     for text in arguments.runs:
         name, _, path = text.rpartition("=")
-        trained = load_trained(path)
-        regressor = trained.module.regressor
-        if arguments.turns is not None and isinstance(regressor.encoder, PhotoEncoder):
-            regressor.encoder.turns = tuple(arguments.turns)
-        size = int(trained.config.crop_size)
+        regressor, size = _network(path, arguments.turns)
         for hands in _sets(arguments, size):
-            for way, run in methods(regressor).items():
+            for way, run in methods(regressor, one_person=hands.second is not None).items():
                 if arguments.ways and way not in arguments.ways:
                     continue
                 label = f"{name}: {way}" if name else way
@@ -74,6 +71,15 @@ def main(words: Sequence[str] | None = None) -> None:
         write_json(arguments.json, as_json(scored))
     if arguments.draw is not None:
         draw_page(arguments.draw, scored)
+
+
+def _network(path: str, turns: Sequence[float] | None) -> tuple[Regressor, int]:
+    """The network of a run, and the side of its crops, pixels."""
+    trained = load_trained(path)
+    regressor = trained.module.regressor
+    if turns is not None and isinstance(regressor.encoder, PhotoEncoder):
+        regressor.encoder.turns = tuple(turns)
+    return regressor, int(trained.config.crop_size)
 
 
 def _sets(arguments: argparse.Namespace, size: int) -> list[PhotoSet]:

@@ -79,6 +79,9 @@ class ShapeModel:
         if prior.matrix is not None:
             smooth = smooth + prior.matrix[free][:, free]
         of_data = model.curvature.double() - smooth
+        seen = problem.seen(unknowns)
+        if seen is not None:
+            of_data = of_data - seen.curvature.double()
         if model.hinge is not None:
             slope, _ = model.hinge.expanded(model.hinge.angles)
             gradient[:, : slope.shape[1]] += slope
@@ -195,7 +198,9 @@ def shared_shape(
     hand = objective.hand
     terms = PriorTerms(objective.prior, centred=True)
     free = terms.free()
-    problem = Problem.of(LandmarkProjection(hand, free), terms, objective.data_term, observation)
+    problem = Problem.of(
+        LandmarkProjection(hand, free), terms, objective.data_term, observation, objective.seen_pose
+    )
     shape = unknowns.shape.new_zeros(10)
     for number in range(ROUNDS):
         if number:

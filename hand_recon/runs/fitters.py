@@ -13,6 +13,7 @@ from hand_recon.fitting.in_parts import Fitter
 from hand_recon.fitting.lift import lift
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation, observed
+from hand_recon.fitting.seen_pose import SeenPose
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_prior, instantiate
@@ -37,7 +38,9 @@ def build_objective(config: DictConfig, hand: HandModel) -> Objective:
             "Fitting is given each landmark's σ and cannot estimate correlations, which this data "
             "term needs. Use data_term=mse, mse_then_nll, laplace or mse_rescaled."
         )
-    return Objective(hand, build_prior(config.prior, hand), data_term)
+    weight = config.get("seen_pose_weight", 0.0)
+    seen_pose = SeenPose.of(weight) if weight else None
+    return Objective(hand, build_prior(config.prior, hand), data_term, seen_pose=seen_pose)
 
 
 def fitter_of(

@@ -98,7 +98,14 @@ class PhotoNetwork:
         if which:
             crops = [self._crop_of(hands[place], found=place in found) for place in which]
             seen = self._look(pixels, crops, camera)
-            estimate = _filled(estimate, torch.tensor(which), seen.estimate())
+            in_pixels = seen
+            if any(has_landmarks(hand) for hand, _ in crops):
+                blind = [(_without_landmarks(hand), frame) for hand, frame in crops]
+                in_pixels = self._look(pixels, blind, camera)
+            pose = in_pixels.prediction.parameters.joint_angles
+            estimate = _filled(
+                estimate, torch.tensor(which), replace(seen.estimate(), seen_pose=pose)
+            )
             again = seen.hands(hands[place] for place in which)
             for place, hand in zip(which, again, strict=True):
                 placed[place] = hand if place in found else hands[place]
@@ -201,7 +208,7 @@ def _unknown(hands: int) -> HandEstimate:
         return torch.full((hands, *shape), math.nan, dtype=kind)
 
     parameters = HandParameters(numbers(15, 3), numbers(10), numbers(3, 3), numbers(3))
-    return HandEstimate(parameters, numbers(21, 2, kind=torch.float64))
+    return HandEstimate(parameters, numbers(21, 2, kind=torch.float64), seen_pose=numbers(15, 3))
 
 
 def _filled(estimate: HandEstimate, rows: Tensor, some: HandEstimate) -> HandEstimate:

@@ -1,7 +1,5 @@
-"""Networks that look at photographs: loading, refusals, and what they see of each hand."""
+"""Networks that look at photographs: what they see of each hand."""
 
-import json
-import logging
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,25 +8,14 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from omegaconf import DictConfig
 
 from hand_recon.camera import project
 from hand_recon.detection.detector import DetectedHand
-from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
-from hand_recon.runs.fit_run import adapted_to_data
-from hand_recon.runs.photo_checkpoint import (
-    checkpoint_file,
-    gives_boxes_alone,
-    origin_name,
-    with_network,
-)
 from hand_recon.runs.photo_network import PhotoNetwork, has_landmarks
 from hand_recon.schema import HandEstimate
 from hand_recon.uncertainty import soft_bound
-from tests.support.configurations import composed
-from tests.support.mano_file import write_mano_folder
-from tests.support.photo_checkpoint import IMAGES, LIFTER, PHOTOS, write_run
+from tests.support.photo_checkpoint import IMAGES, PHOTOS, loaded, write_run
 from tests.support.tolerance import assert_close
 
 K = np.array([[500.0, 0.0, 120.0], [0.0, 500.0, 100.0], [0.0, 0.0, 1.0]])
@@ -37,23 +24,12 @@ K = np.array([[500.0, 0.0, 120.0], [0.0, 500.0, 100.0], [0.0, 0.0, 1.0]])
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs of four untrained networks."""
+    """Runs of three untrained networks."""
     folder = tmp_path_factory.mktemp("runs")
     write_run(folder / "photos", *PHOTOS, sharpness=1e4)
     write_run(folder / "dots", *PHOTOS)
     write_run(folder / "images", *IMAGES)
-    write_run(folder / "lifter", *LIFTER)
     return folder
-
-
-def asked(*words: str) -> DictConfig:
-    return adapted_to_data(composed("input=[]", *words, name="predict"))
-
-
-def loaded(run: Path, *words: str) -> PhotoNetwork:
-    network = with_network(asked(f"ckpt='{run}'", *words))[1]
-    assert network is not None
-    return network
 
 
 @pytest.fixture
@@ -86,56 +62,6 @@ def placed(
     return network.place(pixels, first, which, camera)
 
 
-def test_without_a_checkpoint_nothing_is_loaded_or_changed() -> None:
-    config = asked()
-    assert with_network(config) == (config, None)
-    assert config.lifter == "default"
-
-
-def test_the_start_of_the_network_takes_the_place_of_the_lifters(runs: Path) -> None:
-    config, network = with_network(asked(f"ckpt='{runs}/photos'"))
-    assert config.lifter == "none"
-    assert network is not None
-    assert (network.crop.size, network.crop.around, network.crop.expansion) == (64, "joints", 1.5)
-    assert network.sees_landmarks
-    assert network.finds_landmarks
-    assert not network.regressor.training
-    assert not loaded(runs / "images").sees_landmarks
-
-
-def test_a_network_is_read_once_until_its_file_changes(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "run", *IMAGES)
-    first = loaded(run).regressor
-    assert loaded(run / "checkpoints" / "best.ckpt").regressor is first
-    content = torch.load(run / "checkpoints" / "best.ckpt", weights_only=True)
-    content["state_dict"]["regressor.initial_state"] += 1.0
-    torch.save(content, run / "checkpoints" / "best.ckpt")
-    second = loaded(run).regressor
-    assert_close(second.initial_state, first.initial_state + 1.0)
-
-
-def test_lifters_are_refused_with_the_cure(runs: Path, tmp_path: Path) -> None:
-    with pytest.raises(
-        ValueError, match=r"lifter.*best\.ckpt is a lifter: it sees.*lifter=.*best\.ckpt"
-    ):
-        loaded(runs / "lifter")
-    (tmp_path / "own.safetensors").write_bytes(b"weights")
-    with pytest.raises(ValueError, match=r"file of a lifter.*Give it as lifter=.*own\.safetensors"):
-        checkpoint_file(str(tmp_path / "own.safetensors"))
-    with pytest.raises(ValueError, match=r"Found ckpt=.* and lifter=own; each gives the start"):
-        loaded(runs / "photos", "lifter=own")
-    with pytest.raises(FileNotFoundError, match=r"No checkpoint at .*Give ckpt=<folder of a run>"):
-        loaded(tmp_path)
-
-
-def test_a_network_of_another_hand_is_refused(runs: Path, tmp_path: Path) -> None:
-    folder = write_mano_folder(tmp_path)
-    with pytest.raises(
-        ValueError, match=r"trained with the hand 'open .*found 'mano .*Use hand=open"
-    ):
-        loaded(runs / "photos", "hand=mano", f"hand.path='{folder}'")
-
-
 def test_landmarks_of_another_set_are_not_shown_to_the_network(
     runs: Path,
     pixels: np.ndarray,
@@ -156,21 +82,6 @@ def test_landmarks_of_another_set_are_not_shown_to_the_network(
     hands, estimate = placed(other, pixels, boxed(found[0]))
     assert np.isnan(hands[0].landmarks_2d).all()
     assert estimate.log_sigma.isnan().all()
-
-
-def test_boxes_alone_are_fitted_with_the_landmark_set_of_the_network(
-    runs: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    words = (f"ckpt='{runs}/photos'", "detector=whole", "side=right")
-    with caplog.at_level(logging.INFO):
-        config, network = with_network(asked(*words, "landmark_set=knuckle"))
-    assert config.hand.landmark_set == "mediapipe"
-    assert network is not None
-    assert network.finds_landmarks
-    assert "of the set mediapipe, which is fitted" in caplog.text
-    assert gives_boxes_alone(config)
-    assert not gives_boxes_alone(asked("detector=whole"))
-    assert not gives_boxes_alone(asked(f"ckpt='{runs}/photos'"))
 
 
 def test_the_network_sees_crop_and_landmarks(
@@ -195,6 +106,29 @@ def test_the_network_sees_crop_and_landmarks(
     # The detector's landmarks are what the hand is fitted to.
     hands, _ = placed(network, pixels, *found)
     assert hands == found
+
+
+def test_the_pose_in_pixels_does_not_depend_on_the_landmarks(
+    runs: Path, pixels: np.ndarray, found: tuple[DetectedHand, ...]
+) -> None:
+    network = loaded(runs / "photos")
+    random = np.random.default_rng(7)
+    # The same box, and so the same crop.
+    within = random.uniform(0.2, 0.8, (21, 2)) * 90 + (20, 30)
+    within[:2] = (20.0, 30.0), (110.0, 150.0)
+    other = within[random.permutation(21)]
+    one, two = (
+        placed(network, pixels, replace(found[0], landmarks_2d=points))[1]
+        for points in (within, other)
+    )
+    assert one.seen_pose is not None
+    assert two.seen_pose is not None
+    assert_close(one.seen_pose, two.seen_pose)
+    assert (one.parameters.joint_angles - two.parameters.joint_angles).abs().max() > 1e-4
+    # Where the network has pixels alone, that is all that it sees.
+    alone = placed(network, pixels, boxed(found[0]))[1]
+    assert alone.seen_pose is not None
+    assert torch.equal(alone.seen_pose, alone.parameters.joint_angles)
 
 
 def test_a_network_of_images_sees_the_crop_alone(
@@ -343,19 +277,3 @@ def test_a_network_that_diverged_is_an_error(
     torch.save(content, run / "checkpoints" / "best.ckpt")
     with pytest.raises(ValueError, match="numbers that are not finite: its training diverged"):
         placed(loaded(run), pixels, found[0])
-
-
-def test_the_origin_of_hands_names_the_checkpoint(runs: Path, tmp_path: Path) -> None:
-    file = runs / "photos" / "checkpoints" / "best.ckpt"
-    name = origin_name(file)
-    assert name.startswith("checkpoint photos/checkpoints/best.ckpt ")
-    (tmp_path / "mine.ckpt").write_bytes(file.read_bytes())
-    # The digest is that of the content, wherever it lies.
-    assert origin_name(tmp_path / "mine.ckpt") == f"checkpoint mine.ckpt {name.split()[-1]}"
-    assert json.dumps(name)
-
-
-def test_the_hand_of_the_fit_is_that_of_the_network(runs: Path, hand: HandModel) -> None:
-    network = loaded(runs / "photos")
-    assert network.regressor.hand.name == hand.name
-    assert network.regressor.use_intrinsics

@@ -3,13 +3,16 @@
 from pathlib import Path
 
 import torch
-from omegaconf import open_dict
+from omegaconf import DictConfig, open_dict
 
 from hand_recon import __version__
 from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
 from hand_recon.runs.checkpoints import CONFIG_KEY, HAND_KEY, MEAN_POSE_KEY, VERSION_KEY
 from hand_recon.runs.configuration import plain
+from hand_recon.runs.fit_run import adapted_to_data
+from hand_recon.runs.photo_checkpoint import with_network
+from hand_recon.runs.photo_network import PhotoNetwork
 from tests.support.configurations import composed
 
 LABELS = ("data=landmarks", "data.train=labels.json", "data.landmark_set=mediapipe")
@@ -67,3 +70,24 @@ def write_run(folder: Path, *overrides: str, sharpness: float = 1.0) -> Path:
         folder / "checkpoints" / "best.ckpt",
     )
     return folder
+
+
+def asked(*words: str) -> DictConfig:
+    """Configuration of `hand-recon predict`, adapted to its data.
+
+    Args:
+        words: Overrides of `conf/predict.yaml`.
+    """
+    return adapted_to_data(composed("input=[]", *words, name="predict"))
+
+
+def loaded(run: Path, *words: str) -> PhotoNetwork:
+    """The network of a run, as `hand-recon predict` loads it.
+
+    Args:
+        run: Folder of the run.
+        words: Further overrides of `conf/predict.yaml`.
+    """
+    network = with_network(asked(f"ckpt='{run}'", *words))[1]
+    assert network is not None
+    return network

@@ -12,6 +12,7 @@ from hand_recon.fitting.second_order.data_weights import data_weights, is_quadra
 from hand_recon.fitting.second_order.prior_terms import PriorTerms, RangeHinge
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, Unknowns
+from hand_recon.fitting.seen_pose import SeenModel, SeenPose
 from hand_recon.uncertainty import DataTerm
 
 
@@ -110,6 +111,8 @@ class Problem:
     """Inverse camera matrices."""
     weights: Float[Tensor, "hand landmark=21 2"] | None
     """Second derivatives of the data term by the residuals, if they are constant."""
+    seen_pose: SeenPose | None = None
+    """Term of the pose that a network sees."""
 
     @classmethod
     def of(
@@ -118,6 +121,7 @@ class Problem:
         terms: PriorTerms,
         data_term: DataTerm,
         observation: Observation,
+        seen_pose: SeenPose | None = None,
     ) -> Self:
         """The problem of some landmarks.
 
@@ -126,6 +130,7 @@ class Problem:
             terms: Terms of the prior on pose and shape.
             data_term: Data term, in the stage that is minimized.
             observation: The landmarks.
+            seen_pose: Term of the pose that a network sees.
         """
         labelled, log_sigma = observation.labelled, observation.log_sigma()
         target = observation.landmarks_2d.masked_fill(~labelled[..., None], 0.0)
@@ -133,7 +138,17 @@ class Problem:
         if is_quadratic(data_term):
             weights = data_weights(data_term, target, log_sigma, labelled)
         inverse = torch.linalg.inv(observation.intrinsics)
-        return cls(projection, terms, data_term, observation, log_sigma, target, inverse, weights)
+        return cls(
+            projection,
+            terms,
+            data_term,
+            observation,
+            log_sigma,
+            target,
+            inverse,
+            weights,
+            seen_pose,
+        )
 
     def __getitem__(self, hands: Tensor) -> Self:
         """The problem of some of the hands."""
@@ -166,10 +181,33 @@ class Problem:
         if smooth.matrix is not None:
             curvature = curvature + smooth.matrix[free][:, free]
         value = data + smooth.value
+        seen = self.seen(unknowns)
+        if seen is not None:
+            value = value + seen.value
+            gradient = gradient + seen.gradient
+            curvature = curvature + seen.curvature
         if hinge is not None:
             value = value + hinge.value()
             hinge = hinge.of_angles(free[: len(free) - COUNT + ANGLES.stop])
         return Model(value, gradient, curvature, hinge, free)
+
+    def seen(self, unknowns: Unknowns) -> SeenModel | None:
+        """Model of the term of the pose that a network sees, by the free unknowns; None if it saw no hand.
+
+        Args:
+            unknowns: The hands.
+        """
+        if self.seen_pose is None:
+            return None
+        found = self.seen_pose.expanded(unknowns.joint_angles.flatten(1), self.observation)
+        if found is None:
+            return None
+        free = self.projection.free
+        every = found.curvature.new_zeros(len(found.value), COUNT, COUNT)
+        every[:, ANGLES, ANGLES] = found.curvature
+        gradient = found.gradient.new_zeros(len(found.value), COUNT)
+        gradient[:, ANGLES] = found.gradient
+        return SeenModel(found.value, gradient[:, free], every[:, free][:, :, free])
 
     def _data(self, residual: Tensor) -> tuple[Tensor, Tensor]:
         """Data term of each hand, and the weights of the squared residuals."""
