@@ -133,11 +133,11 @@ def refined(
     seen = look(regressor, batch, with_landmarks=with_landmarks)
     target = replace(batch, label_noise=None, confidence=None)
     if not with_landmarks:
-        found = seen.landmarks_2d if seen.located_2d is None else seen.located_2d
+        located = seen.landmarks_2d if seen.located_2d is None else seen.located_2d
         sigma: Tensor = seen.log_sigma.exp().square().mean(dim=-1).sqrt()
         target = replace(
             target,
-            landmarks_2d=found,
+            landmarks_2d=located,
             labelled=torch.ones_like(batch.labelled),
             label_noise=sigma * (batch.crop_size / REFERENCE_SIZE),
         )
