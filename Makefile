@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke photos table1-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
+.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -50,6 +50,20 @@ table1-photos: $(STAMP)  ## The paper's Table 1 on photographs, PICTURES=<folder
 	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table1-photos PICTURES=<folder>" >&2; exit 1; }
 	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
 	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row2,ablation_row3 seed=0 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
+	$(BIN)/python -m hand_recon.report
+
+table3-photos: $(STAMP)  ## The paper's Table 3 (b) on photographs, PICTURES=<folder>: 3D labels of 10 and 100 % of the rendered hands; then the report.
+	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table3-photos PICTURES=<folder>" >&2; exit 1; }
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 supervision=landmarks_3d supervision.fraction=0.1,1.0 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 supervision=landmarks_3d prior=none name=photos $(PHOTOS) threads=2 $(ARGS)
+	$(BIN)/python -m hand_recon.report
+
+# Fewer labels have fewer fingers to exchange, in the same proportion.
+fewer-photos: $(STAMP)  ## How the error grows as labels shrink, with and without ImageNet weights, PICTURES=<folder>: 700, 3,000 and all photographs.
+	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make fewer-photos PICTURES=<folder>" >&2; exit 1; }
+	for counts in 700:470 3000:2000 null:8000; do for weights in imagenet:4 none:0; do $(BIN)/python -m hand_recon.train \
+	  recipe=photos_table1 trainer.max_epochs=2 photos.photographs=$${counts%:*} photos.exchanged=$${counts#*:} \
+	  model.encoder.weights=$${weights%:*} model.encoder.frozen=$${weights#*:} name=photos $(PHOTOS) $(ARGS) || exit 1; done; done
 	$(BIN)/python -m hand_recon.report
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.

@@ -202,6 +202,26 @@ def test_all_hands_of_an_image_are_in_one_split(
     assert [again.hands.source(int(row)) for row in again.rows] == found["val"]
 
 
+def test_some_of_the_training_images_are_drawn(tmp_path: Path) -> None:
+    path = Dotted(tmp_path, images=12).as_coco()
+    crop = CropPolicy(16, "joints")
+
+    def images(split: str, count: int | None) -> set[str]:
+        recipe = LandmarkRecipe(path, val_fraction=0.25, photographs=count, crop=crop)
+        data = LandmarkSplits(recipe).dataset(split)
+        return {data.hands.source(int(row)) for row in data.rows}
+
+    every, four, two = (images("train", count) for count in (None, 4, 2))
+    assert (len(every), len(four), len(two)) == (6, 4, 2)
+    # Nested, so that a study of fewer labels compares like with like; what is held out stays.
+    assert two < four < every
+    assert images("val", 2) == images("val", None)
+    with pytest.raises(ValueError, match=r"photographs=7, and .* has 6 images to train on"):
+        images("train", 7)
+    with pytest.raises(ValueError, match=r"photographs=0; expected the number"):
+        images("train", 0)
+
+
 def test_images_that_are_in_two_files_are_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
