@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
+.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -64,6 +64,14 @@ fewer-photos: $(STAMP)  ## How the error grows as labels shrink, with and withou
 	for counts in 700:470 3000:2000 null:8000; do for weights in imagenet:4 none:0; do $(BIN)/python -m hand_recon.train \
 	  recipe=photos_table1 trainer.max_epochs=2 photos.photographs=$${counts%:*} photos.exchanged=$${counts#*:} \
 	  model.encoder.weights=$${weights%:*} model.encoder.frozen=$${weights#*:} name=photos $(PHOTOS) $(ARGS) || exit 1; done; done
+	$(BIN)/python -m hand_recon.report
+
+# Rendered hands alone: no photograph in an epoch.
+FEATURES := [],[background],[objects],[sleeve],[light],[sensor],[skin_tones],[skin_texture],[nails]
+rendered-photos: $(STAMP)  ## What of rendered hands matters for photographs, PICTURES=<folder>: trained on rendered hands alone that lack one feature each.
+	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make rendered-photos PICTURES=<folder>" >&2; exit 1; }
+	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 trainer.max_epochs=2 data.weights.photographs=0 photos.exchanged=0 photos.rendered=8000 \
+	  'data.parts.rendered.without=$(FEATURES)' name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
 	$(BIN)/python -m hand_recon.report
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.

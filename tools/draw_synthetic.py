@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from hand_recon.data.synthetic.gestures import gesture_library
-from hand_recon.data.synthetic.levels import Level
+from hand_recon.data.synthetic.levels import FEATURES, Level
 from hand_recon.data.synthetic.painter import render_image
 from hand_recon.data.synthetic.plausible import deepest_overlap
 from hand_recon.data.synthetic.recipe import Recipe, level_named
@@ -73,6 +73,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--levels", nargs="+", default=["easy", "medium", "hard"])
     parser.add_argument("--gestures", action="store_true", help="draw the gesture library instead")
+    parser.add_argument(
+        "--features", action="store_true", help="a row per feature that images of a level lack"
+    )
     parser.add_argument("--split", default="train")
     parser.add_argument("--crop-size", type=int, default=224)
     parser.add_argument("--rows", type=int, default=4)
@@ -83,6 +86,17 @@ def main() -> None:
     if arguments.gestures:
         sheet = gesture_sheet(arguments.columns)
         cv2.imwrite(str(arguments.folder / "gestures.png"), sheet[..., ::-1])
+        return
+    if arguments.features:
+        for name in arguments.levels:
+            rows = []
+            for without in ((), *((feature,) for feature in FEATURES)):
+                level = level_named(name, without)
+                recipe = Recipe(arguments.split, level, arguments.crop_size, arguments.seed)
+                hands = [synthetic_hand(recipe, index) for index in range(arguments.columns)]
+                rows.append(np.hstack([tile(hand, 160, landmarks=False) for hand in hands]))
+            path = arguments.folder / f"{name}-features.png"
+            cv2.imwrite(str(path), np.vstack(rows)[..., ::-1])
         return
     for name in arguments.levels:
         recipe = Recipe(arguments.split, level_named(name), arguments.crop_size, arguments.seed)

@@ -8,10 +8,11 @@ import torch
 
 from hand_recon.data.synthetic.gestures import gesture_library
 from hand_recon.data.synthetic.labels import depth_behind_surface, sample_labels
-from hand_recon.data.synthetic.levels import DIFFICULTIES
+from hand_recon.data.synthetic.levels import DIFFICULTIES, FEATURES
 from hand_recon.data.synthetic.light import sky_visibility
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import synthetic_hand
+from hand_recon.data.synthetic.skin import plainer, sample_tone
 from hand_recon.data.synthetic.surface import box, revolved, vertex_normals
 from hand_recon.data.synthetic.view import FACING, axis_rotation, sample_view
 from hand_recon.hand.open_hand import open_hand
@@ -152,7 +153,41 @@ def test_the_sky_is_visible_on_top_of_a_box_and_not_inside_it() -> None:
     assert sky_visibility(scene, np.zeros((1, 3)), outwards)[0] == 0
 
 
+@pytest.mark.parametrize("feature", list(FEATURES))
+def test_images_can_lack_a_feature_and_show_the_same_hands(feature: str) -> None:
+    level = level_named("any_pose", [feature])
+    assert level.name == f"any_pose-no-{feature}"
+    with_it, without = (
+        [synthetic_hand(Recipe("train", one, SIZE, 3), index) for index in range(8)]
+        for one in (level_named("any_pose"), level)
+    )
+    changed = [not np.array_equal(a.image, b.image) for a, b in zip(with_it, without, strict=True)]
+    # A sleeve, an object or a painted nail is not in every image.
+    assert any(changed)
+    for a, b in zip(with_it, without, strict=True):
+        np.testing.assert_array_equal(a.landmarks_2d, b.landmarks_2d)
+
+
+def test_skin_of_one_tone_is_that_of_everybody() -> None:
+    plain = level_named("any_pose", ["skin_tones", "skin_texture", "nails"])
+    tones = [
+        plainer(sample_tone(np.random.default_rng(seed), held_out=False), plain)
+        for seed in range(5)
+    ]
+    for tone in tones:
+        np.testing.assert_array_equal(tone.back, tones[0].back)
+        np.testing.assert_array_equal(tone.palm, tones[0].palm)
+        assert (tone.blush, tone.mottle, tone.creases, tone.nails) == (0, 0, 0, False)
+    every = level_named("any_pose")
+    tone = sample_tone(np.random.default_rng(1), held_out=False)
+    assert plainer(tone, every) is tone
+
+
 def test_invalid_recipes_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"Found without=\['fog'\]; images can lack \['background'"
+    ):
+        level_named("easy", ["nails", "fog"])
     with pytest.raises(ValueError, match="Unknown split 'all'"):
         recipe("all")
     with pytest.raises(ValueError, match="Unknown level 'extreme'"):

@@ -1,5 +1,6 @@
 """Data module of rendered hands (Sec. 4.1)."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +27,7 @@ class SyntheticDataModule(HandDataModule):
         test_size: int,
         crop_size: int,
         cache_dir: Path | str,
+        without: Sequence[str] = (),
         render_workers: int = 1,
         landmark_set: str = "knuckle",
         pictures: bool = True,
@@ -44,6 +46,7 @@ class SyntheticDataModule(HandDataModule):
             test_size: Number of test images; their gestures and shapes do not occur in training.
             crop_size: Side of an image, pixels.
             cache_dir: Folder for rendered images.
+            without: Features that images lack, keys of `FEATURES`.
             render_workers: Number of processes that render.
             landmark_set: The hand's landmark set.
             pictures: True renders images; False gives landmarks only, in crops of 224 pixels.
@@ -61,6 +64,7 @@ class SyntheticDataModule(HandDataModule):
             level=level,
             seed=data_seed,
             cache_dir=Path(cache_dir),
+            without=tuple(without),
             workers=render_workers,
             landmark_set=landmark_set,
             pictures=pictures,

@@ -1,5 +1,6 @@
 """Dataset of synthetic hands, which are rendered on first use and then read from disk."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,6 +47,7 @@ class SyntheticHands(Dataset[HandSample]):
         landmark_set: str = "knuckle",
         with_vertices: bool | None = None,
         pictures: bool = True,
+        without: Sequence[str] = (),
     ) -> None:
         """Open the set; it is rendered first if the cache does not have it.
 
@@ -60,11 +62,14 @@ class SyntheticHands(Dataset[HandSample]):
             landmark_set: The hand's landmark set, `knuckle` or `mano`.
             with_vertices: True adds vertices, posed when read; by default in all splits except training.
             pictures: True renders images; views without images are a hundred times cheaper.
+            without: Features that images lack, keys of `hand_recon.data.synthetic.levels.FEATURES`.
 
         Raises:
-            ValueError: The split or level is unknown, or a size is too small.
+            ValueError: The split, level or a feature is unknown, or a size is too small.
         """
-        self.recipe = Recipe(split, level_named(level), crop_size, seed, landmark_set, pictures)
+        self.recipe = Recipe(
+            split, level_named(level, without), crop_size, seed, landmark_set, pictures
+        )
         self.with_vertices = split != "train" if with_vertices is None else with_vertices
         self.folder = ensure_store(Path(cache_dir), self.recipe, size, workers)
         with np.load(self.folder / "labels.npz") as archive:

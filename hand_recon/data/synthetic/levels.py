@@ -5,7 +5,7 @@ those of the reference crop (224), independent of the resolution.
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 Range = tuple[float, float]
 
@@ -52,6 +52,14 @@ class Level:
     """Probability of a sleeve."""
     cast_shadows: float = 0.0
     """Probability that the key light casts shadows."""
+    varied_light: bool = True
+    """True if direction, strength and tint of the lights vary; else all are as on a clouded day."""
+    skin_tones: bool = True
+    """True if skin tones vary; else all are of one tone."""
+    skin_texture: bool = True
+    """True if skin has creases, redness and uneven colour."""
+    nails: bool = True
+    """True if nails have a colour of their own."""
     blur: float = 0.3
     """Largest standard deviation of the lens blur, reference pixels."""
     motion: float = 0.0
@@ -96,3 +104,15 @@ DIFFICULTIES: Final[dict[str, Level]] = {
     ),
 }  # fmt: skip
 """Levels by name, from palms in front of plain walls to all viewpoints in clutter."""
+
+FEATURES: Final[dict[str, dict[str, Any]]] = {
+    "background": {"calm_background": 1.0, "clutter": 0.0},
+    "objects": {"held_object": 0.0, "front_object": 0.0},
+    "sleeve": {"sleeve": 0.0},
+    "light": {"varied_light": False, "cast_shadows": 0.0},
+    "sensor": {"blur": 0.0, "motion": 0.0, "sensor_noise": 0.0, "jpeg_quality": (98, 99)},
+    "skin_tones": {"skin_tones": False},
+    "skin_texture": {"skin_texture": False},
+    "nails": {"nails": False},
+}
+"""What images can lack, for studies: changes to a level by name of the feature."""

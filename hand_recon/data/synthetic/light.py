@@ -47,6 +47,19 @@ class Lights:
     """True if the key light casts shadows."""
 
 
+CLOUDED: Final = Lights(
+    key_direction=np.array([0.0, -0.6, -0.8], dtype=np.float32),
+    key_colour=np.full(3, 0.6, dtype=np.float32),
+    fill_direction=np.array([0.0, 0.0, -1.0], dtype=np.float32),
+    fill_colour=np.full(3, 0.15, dtype=np.float32),
+    sky=np.full(3, 0.3, dtype=np.float32),
+    ground=np.full(3, 0.18, dtype=np.float32),
+    sheen=0.05,
+    shadows=False,
+)
+"""White light from above and from the camera, without shadows."""
+
+
 def sample_lights(random: np.random.Generator, cast_shadows: float) -> Lights:
     """Draw lights with warm or cool tints, as indoors or outdoors.
 

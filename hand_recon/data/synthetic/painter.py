@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.camera import project_array
 from hand_recon.data.synthetic.background import sample_background
-from hand_recon.data.synthetic.light import sample_lights, shade, sky_visibility
+from hand_recon.data.synthetic.light import CLOUDED, sample_lights, shade, sky_visibility
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.sensor import develop
 from hand_recon.data.synthetic.skin import (
@@ -18,6 +18,7 @@ from hand_recon.data.synthetic.skin import (
     SkinSpots,
     linear,
     paint_albedo,
+    plainer,
     sample_paint,
     sample_tone,
     skin_albedo,
@@ -170,8 +171,9 @@ def _colours(
     scene, samples = seen
     hits, points = samples.hits, samples.points
     skin, person = _skin_map(recipe.landmark_set), recipe.random(index, "skin and light")
-    tone = sample_tone(person, held_out=recipe.held_out)
-    lights = sample_lights(person, recipe.level.cast_shadows)
+    level = recipe.level
+    tone = plainer(sample_tone(person, held_out=recipe.held_out), level)
+    lights = sample_lights(person, level.cast_shadows) if level.varied_light else CLOUDED
     paints = {material: sample_paint(random) for material in range(SKIN + 1, OBJECT + 1)}
     features = _features(surfaces, scene, skin)
     values, material = features.at(hits), features.material[hits.face]

@@ -1,12 +1,13 @@
 """Parameters of a set of synthetic hands, and the random generators of each image."""
 
 import zlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from hand_recon.data.synthetic.levels import DIFFICULTIES, Level
+from hand_recon.data.synthetic.levels import DIFFICULTIES, FEATURES, Level
 
 SPLITS: Final[tuple[str, ...]] = ("train", "val", "test")
 """Splits; training and validation share gestures and palettes, test has others."""
@@ -66,12 +67,22 @@ class Recipe:
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
-def level_named(name: str) -> Level:
+def level_named(name: str, without: Sequence[str] = ()) -> Level:
     """Look up a level of difficulty.
 
+    Args:
+        name: Its name.
+        without: Features that its images are to lack, keys of `FEATURES`.
+
     Raises:
-        ValueError: The name is unknown.
+        ValueError: The name or a feature is unknown.
     """
     if name not in DIFFICULTIES:
         raise ValueError(f"Unknown level {name!r}; synthetic hands have {sorted(DIFFICULTIES)}.")
-    return DIFFICULTIES[name]
+    unknown = sorted(set(without) - set(FEATURES))
+    if unknown:
+        raise ValueError(f"Found without={unknown}; images can lack {sorted(FEATURES)}.")
+    level = DIFFICULTIES[name]
+    for feature in sorted(without):
+        level = replace(level, name=f"{level.name}-no-{feature}", **FEATURES[feature])
+    return level

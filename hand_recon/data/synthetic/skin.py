@@ -4,17 +4,21 @@ Colours are procedural functions of the position in the rest pose, so that they 
 as sharp as the image, independent of the resolution of the mesh.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from hand_recon.data.synthetic.levels import Level
 from hand_recon.data.synthetic.surface import vertex_normals
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS, TIPS
 
 Colour = Float[np.ndarray, " 3"]
+
+_MIDDLE: Final = 0.4
+"""Melanin of the skin of levels without different skin tones, 0–1."""
 
 _TONES: Final = np.array(
     [[255, 224, 205], [241, 194, 160], [224, 172, 130], [190, 132, 92], [141, 90, 58], [84, 50, 34]]
@@ -148,6 +152,10 @@ class SkinTone:
     """Contrast of the uneven colour."""
     waves: Float[np.ndarray, "wave=6 4"]
     """Spatial frequencies (radians per metre) and phases of the uneven colour."""
+    creases: float = 0.28
+    """Darkness of the creases."""
+    nails: bool = True
+    """True if nails have a colour of their own."""
 
 
 @dataclass(frozen=True)
@@ -167,12 +175,8 @@ class SkinSpots:
 def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
     """Draw a skin tone; the test split's melanin is uniform over the scale."""
     melanin = random.uniform(0, 1) if held_out else random.beta(1.2, 1.2)
-    position = melanin * (len(_TONES) - 1)
-    base = [np.interp(position, np.arange(len(_TONES)), _TONES[:, channel]) for channel in range(3)]
     tint = 1 + random.normal(scale=0.05 if held_out else 0.035, size=3)
-    back = linear(np.array(base) / 255) * tint
-    pink = linear(np.array([0.90, 0.68, 0.60]))
-    palm = back * (1 - 0.15 - 0.45 * melanin) + pink * (0.15 + 0.45 * melanin)
+    back, palm = _back_and_palm(melanin, tint)
     painted = random.random() < 0.15
     polish = linear(random.uniform(0.05, 0.95, size=3))
     nail = polish if painted else 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
@@ -180,6 +184,27 @@ def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
     blush, mottle = random.uniform(0.2, 0.9), random.uniform(0.02, 0.06)
     colours = [colour.astype(np.float32) for colour in (back, palm, nail)]
     return SkinTone(colours[0], colours[1], blush, colours[2], mottle, waves.astype(np.float32))
+
+
+def plainer(tone: SkinTone, level: Level) -> SkinTone:
+    """The same skin without what images of a level lack."""
+    if not level.skin_tones:
+        back, palm = _back_and_palm(_MIDDLE, np.ones(3))
+        nail = 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
+        colours = [colour.astype(np.float32) for colour in (back, palm, nail)]
+        tone = replace(tone, back=colours[0], palm=colours[1], nail=colours[2])
+    if not level.skin_texture:
+        tone = replace(tone, blush=0.0, mottle=0.0, creases=0.0)
+    return tone if level.nails else replace(tone, nails=False)
+
+
+def _back_and_palm(melanin: float, tint: Colour) -> tuple[Colour, Colour]:
+    """Albedo of the back of the hand and of the palm."""
+    position = melanin * (len(_TONES) - 1)
+    base = [np.interp(position, np.arange(len(_TONES)), _TONES[:, channel]) for channel in range(3)]
+    back = linear(np.array(base) / 255) * tint
+    pink = linear(np.array([0.90, 0.68, 0.60]))
+    return back, back * (1 - 0.15 - 0.45 * melanin) + pink * (0.15 + 0.45 * melanin)
 
 
 def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "hit 3"]:
@@ -195,7 +220,9 @@ def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.nda
     albedo *= 1 - tone.blush * spots.knuckle[:, None] * _BLUSH
     uneven = np.sin(spots.texture @ tone.waves[:, :3].T + tone.waves[:, 3]).mean(axis=1)
     albedo *= 1 + 2 * tone.mottle * uneven[:, None] * _MOTTLE
-    albedo *= (1 - 0.28 * _creases(skin, spots))[:, None]
+    albedo *= (1 - tone.creases * _creases(skin, spots))[:, None]
+    if not tone.nails:
+        return np.asarray(albedo)
     nails = _nails(skin, spots)[:, None]
     return np.asarray(albedo * (1 - nails) + tone.nail * nails)
 
