@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
 # Also for the resolvers that it registers.
-from hand_recon.command_line.configuration_files import CONF
+from hand_recon.command_line.composing import composed
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -200,8 +199,7 @@ def test_synthetic_hands_come_with_surfaces_for_evaluation(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("overrides", [["data=synthetic"], ["data=freihand", "data.root=hands"]])
 def test_the_configuration_builds_a_datamodule(overrides: list[str], tmp_path: Path) -> None:
-    with initialize_config_dir(CONF, version_base="1.3"):
-        config = compose("train", [*overrides, f"paths.cache={tmp_path}"])
+    config = composed("train", [*overrides, f"paths.cache='{tmp_path}'"])
     data = instantiate(config.data)
     assert isinstance(data, HandDataModule)
     assert data.crop_size == config.crop_size

@@ -7,10 +7,12 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
 from hand_recon.command_line.configuration_files import CONF
+from hand_recon.command_line.resolvers import register_resolvers
 
 
 def composed(*overrides: str, name: str = "train") -> DictConfig:
     """A command's configuration with Hydra's part; `name` is its file in `conf/`."""
+    register_resolvers()
     with initialize_config_dir(CONF, version_base="1.3"):
         # Outside a run of Hydra there is no folder of the run to interpolate.
         config = compose(name, [*overrides, "++paths.run=/nowhere"], return_hydra_config=True)
