@@ -1,7 +1,8 @@
 """Several looks at a crop, turned, which together find landmarks better than one (decision 75)."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from hand_recon.camera import move_pixels, move_points
 
-UPRIGHT: Final = 0.95
+AS_IT_IS: Final = 0.95
 """Factor on the spread of the look at the crop as it is: photographs mostly show hands upright."""
 
 Images = Float[Tensor, "batch 3 size size"]
@@ -18,7 +19,7 @@ Images = Float[Tensor, "batch 3 size size"]
 
 @dataclass(frozen=True)
 class Look:
-    """What a network finds in crops by looking at them once, or what several looks amount to."""
+    """Findings of a network in crops, by looking at them once or several times."""
 
     landmarks: Float[Tensor, "batch landmark=21 2"]
     """Landmarks, pixels of the crop."""
@@ -43,29 +44,34 @@ def look_around(look: Callable[[Images], Look], images: Images, turns: Sequence[
         The mean of the landmarks of the surest look and of the further ones, in pixels of the crop as it
         is; spread and summary of the surest look.
     """
-    size = images.shape[-1]
-    right_angles = [quarter * torch.pi / 2 for quarter in range(4)]
-    matrices = torch.stack([_turn(images.new_tensor(angle), size) for angle in right_angles])
+    size, device = images.shape[-1], images.device
     # Exact, where resampling would blur.
     looks = _together(look, [torch.rot90(images, -quarter, (-2, -1)) for quarter in range(4)])
     spread = torch.stack([one.spread.mean(dim=-1) for one in looks])
-    spread[0] *= UPRIGHT
-    surest, rows = spread.argmin(dim=0), torch.arange(len(images), device=images.device)
+    spread[0] *= AS_IT_IS
+    surest, rows = spread.argmin(dim=0), torch.arange(len(images), device=device)
 
     def chosen(values: Sequence[Tensor]) -> Tensor:
         return torch.stack(list(values))[surest, rows]
 
-    upright = matrices[surest]
-    found = [_back(chosen([one.landmarks for one in looks]), upright)]
-    if turns:
-        further = [_turn(images.new_tensor(degrees).deg2rad(), size) @ upright for degrees in turns]
-        turned = _together(look, [move_pixels(images, matrix) for matrix in further])
-        found += [_back(one.landmarks, matrix) for one, matrix in zip(turned, further, strict=True)]
-    return Look(
-        landmarks=torch.stack(found).mean(dim=0),
-        spread=chosen([one.spread for one in looks]),
-        summary=chosen([one.summary for one in looks]),
+    best = Look(
+        chosen([one.landmarks for one in looks]),
+        chosen([one.spread for one in looks]),
+        chosen([one.summary for one in looks]),
     )
+    # Mixed precision is for the network: bfloat16 rounds 200 pixels to whole ones.
+    with torch.autocast(device.type, enabled=False):
+        quarters = torch.stack([_turn(90.0 * quarter, size) for quarter in range(4)]).to(device)
+        of_best = quarters[surest]
+        matrices = [_turn(degrees, size).to(device) @ of_best for degrees in turns]
+        crops = [move_pixels(images, matrix) for matrix in matrices]
+    seen = [best, *(_together(look, crops) if crops else [])]
+    with torch.autocast(device.type, enabled=False):
+        found = [
+            move_points(one.landmarks, torch.linalg.inv(matrix))
+            for one, matrix in zip(seen, [of_best, *matrices], strict=True)
+        ]
+    return replace(best, landmarks=torch.stack(found).mean(dim=0))
 
 
 def _together(look: Callable[[Images], Look], crops: Sequence[Images]) -> list[Look]:
@@ -80,16 +86,11 @@ def _together(look: Callable[[Images], Look], crops: Sequence[Images]) -> list[L
     return [Look(*part) for part in parts]
 
 
-def _turn(angle: Float[Tensor, ""], size: int) -> Float[Tensor, "3 3"]:
+def _turn(degrees: float, size: int) -> Float[Tensor, "3 3"]:
     """Rotation about the middle of a crop, from x towards y; matrix from old to new pixels."""
-    matrix = torch.eye(3, dtype=angle.dtype, device=angle.device)
-    cosine, sine = torch.cos(angle), torch.sin(angle)
-    matrix[0, 0], matrix[0, 1], matrix[1, 0], matrix[1, 1] = cosine, -sine, sine, cosine
+    angle = math.radians(degrees)
+    matrix = torch.eye(3)
+    matrix[0, 0] = matrix[1, 1] = math.cos(angle)
+    matrix[0, 1], matrix[1, 0] = -math.sin(angle), math.sin(angle)
     matrix[:2, 2] = size / 2 - matrix[:2, :2].sum(dim=-1) * size / 2
     return matrix
-
-
-def _back(
-    points: Float[Tensor, "batch landmark 2"], matrices: Float[Tensor, "batch 3 3"]
-) -> Float[Tensor, "batch landmark 2"]:
-    return move_points(points, torch.linalg.inv(matrices))

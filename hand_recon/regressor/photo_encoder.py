@@ -43,7 +43,7 @@ class PhotoEncoder(Encoder):
             of training.
         view: Side of the middle part of the crop that the network looks at, as a share of the crop's.
         turns: Outside of training, look at the crop turned by right angles, and at the surest of these
-            turned further by these angles, in degrees; one look if empty.
+            turned further by these angles, in degrees; one look if there are none.
         given_share: Share of training hands whose landmarks are given.
         given_noise: Standard deviation of the noise of given landmarks in training, pixels of a 224-pixel
             crop.
@@ -62,7 +62,7 @@ class PhotoEncoder(Encoder):
         width: int = 256,
         gives_landmarks: bool = False,
         view: float = 1.0,
-        turns: Sequence[float] = (),
+        turns: Sequence[float] | None = None,
         given_share: float = 0.25,
         given_noise: float = 5.0,
         map_width: int = 96,
@@ -74,7 +74,7 @@ class PhotoEncoder(Encoder):
         self.landmarks = landmarks
         self.gives_landmarks = gives_landmarks
         self.view = view
-        self.turns = tuple(turns)
+        self.turns = tuple(turns or ())
         self.given_share = given_share
         self.given_noise = given_noise
         self.feature_size = landmarks.feature_size + width + 42 + 2
@@ -127,10 +127,10 @@ class PhotoEncoder(Encoder):
         """Landmarks with their spread, and a summary of the crop, from one look at it."""
         size = image.shape[-1]
         border = round((1 - self.view) / 2 * size)
-        view = image[..., border : size - border, border : size - border]
-        pyramid = self.backbone(view)
+        middle = image[..., border : size - border, border : size - border]
+        pyramid = self.backbone(middle)
         position, spread = self.maps(pyramid)
-        share = view.shape[-1] / size
+        share = middle.shape[-1] / size
         summary = torch.relu(self.summary(pyramid[32].mean(dim=(-2, -1)))).float()
         return Look(border + share * size * position, share * spread, summary)
 

@@ -203,8 +203,12 @@ def test_located_error_is_the_sum_over_labelled_coordinates(pictures: HandBatch)
     assert_close(located_error(replace(batch, landmarks_2d=values), found), torch.full((4,), 49.0))
 
 
-def test_mixed_precision_rounds_no_pixels(hand: HandModel, pictures: HandBatch) -> None:
+@pytest.mark.parametrize("turns", [(), (-20.0, 20.0)], ids=["one look", "six looks"])
+def test_mixed_precision_rounds_no_pixels(
+    hand: HandModel, pictures: HandBatch, turns: tuple[float, ...]
+) -> None:
     network = photo_network(hand).eval()
+    encoder_of(network).turns = turns
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
         evidence = encoder_of(network)(pictures)
     assert evidence.motion is not None
@@ -213,3 +217,7 @@ def test_mixed_precision_rounds_no_pixels(hand: HandModel, pictures: HandBatch) 
     # bfloat16 has steps of a quarter pixel at 40 pixels.
     assert float((evidence.landmarks_2d - moved).abs().max()) < 1e-3
     assert evidence.motion.pixels.dtype == torch.float32
+    # Given landmarks are the evidence; found ones are pixels too.
+    assert evidence.located_2d is not None
+    assert evidence.located_2d.dtype == torch.float32
+    assert (evidence.located_2d != evidence.located_2d.bfloat16()).any()
