@@ -8,7 +8,7 @@ from torch import Tensor
 
 from hand_recon.camera import project
 from hand_recon.fitting.observation import Observation
-from hand_recon.fitting.seen_pose import SeenPose
+from hand_recon.fitting.seen_pose import SeenPoseTerm
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters, HandPrediction
@@ -52,8 +52,8 @@ class Objective:
     """Term of the 2D residuals, one value per hand; a staged term goes through its stages."""
     with_non_penetration: bool = True
     """True if the hand model has all its vertices, which the non-penetration term needs."""
-    seen_pose: SeenPose | None = None
-    """Term of the pose that a network sees, if an observation has one."""
+    seen_pose_term: SeenPoseTerm | None = None
+    """Term of the pose that a network sees; None without a network."""
 
     def __call__(self, parameters: HandParameters, observation: Observation) -> Fitted:
         """Pose hands and compute every term of their loss.
@@ -76,11 +76,10 @@ class Objective:
         data = self.data_term(residual, prediction.log_sigma, observation.labelled)
         raw = self.prior(parameters, posed.vertices if self.with_non_penetration else None)
         weighted = self.prior.weighted(raw)
-        if self.seen_pose is not None:
-            seen = self.seen_pose.value(parameters.joint_angles.flatten(1), observation)
-            if seen is not None:
-                raw["seen_pose"] = seen / self.seen_pose.weight
-                weighted["seen_pose"] = seen
+        if self.seen_pose_term is not None:
+            seen = self.seen_pose_term.value(parameters.joint_angles.flatten(1), observation)
+            raw["seen_pose"] = seen
+            weighted["seen_pose"] = self.seen_pose_term.weight * seen
         loss = {"total": data + sum(weighted.values()), "data": data, **raw}
         return Fitted(
             prediction, loss | {f"weighted/{name}": value for name, value in weighted.items()}

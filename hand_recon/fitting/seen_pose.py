@@ -1,10 +1,11 @@
 """The pose that a network sees in pixels, as a term of a fit to landmarks (decision 76)."""
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.fitting.observation import Observation
@@ -16,7 +17,7 @@ Angles = Float[Tensor, "hand angle=45"]
 
 @dataclass(frozen=True)
 class SeenModel:
-    """The term at the current hands with its derivatives, by the joint angles or by a fit's unknowns."""
+    """The term at some hands with its derivatives, by the joint angles or by a fit's unknowns."""
 
     value: Float[Tensor, " hand"]
     """Weighted loss."""
@@ -27,10 +28,11 @@ class SeenModel:
 
 
 @dataclass(frozen=True)
-class SeenPose:
+class SeenPoseTerm:
     """Squared distance of a pose from the one that a network sees, in standard deviations of natural poses.
 
     Landmarks leave open how far fingers point to the camera or away from it; pixels say more about that.
+    Hands that no network saw have a loss of zero.
     """
 
     weight: float
@@ -46,65 +48,53 @@ class SeenPose:
             weight: Factor of the squared distance; ½ makes it the negative logarithm of a Gaussian.
 
         Raises:
-            ValueError: The weight is negative.
+            ValueError: The weight is negative or not finite.
+            FileNotFoundError: The table of natural poses is missing.
         """
-        if not weight >= 0:
-            raise ValueError(f"Found seen_pose_weight={weight}; expected 0 or more.")
+        if not 0 <= weight < math.inf:
+            raise ValueError(f"Found seen_pose_weight={weight}; expected a number, 0 or more.")
         return cls(weight, PoseDistance.of_gaussian(*natural_poses()).whitening)
 
-    def known(self, observation: Observation) -> Bool[Tensor, " hand"] | None:
-        """True for hands whose pose a network saw; None if there is no such hand.
-
-        Args:
-            observation: The hands.
-        """
-        if observation.estimate is None or observation.estimate.seen_pose is None:
-            return None
-        known = observation.estimate.seen_pose.isfinite().flatten(1).all(dim=1)
-        return known if bool(known.any()) else None
-
-    def coefficients(
-        self, joint_angles: Angles, observation: Observation
-    ) -> Float[Tensor, "hand component"] | None:
-        """Difference from the seen pose in standard deviations, zero for hands without; None without any.
+    def value(self, joint_angles: Angles, observation: Observation) -> Float[Tensor, " hand"]:
+        """Squared distance of each hand, without the weight.
 
         Args:
             joint_angles: Joint angles, radians.
             observation: The same hands.
         """
-        known = self.known(observation)
-        if known is None:
-            return None
-        assert observation.estimate is not None and observation.estimate.seen_pose is not None  # noqa: S101, PT018
-        seen = observation.estimate.seen_pose.flatten(1).to(joint_angles)
-        difference = torch.where(known[:, None], joint_angles - seen, 0.0)
-        return difference @ self.whitening.to(joint_angles).mT
+        return (
+            self._coefficients(joint_angles, _seen(joint_angles, observation)).square().sum(dim=1)
+        )
 
-    def value(
-        self, joint_angles: Angles, observation: Observation
-    ) -> Float[Tensor, " hand"] | None:
-        """Weighted loss of each hand; None if no network saw any.
+    def expanded(self, joint_angles: Angles, observation: Observation) -> SeenModel:
+        """Weighted value and derivatives by the joint angles.
 
         Args:
             joint_angles: Joint angles, radians.
             observation: The same hands.
         """
-        coefficients = self.coefficients(joint_angles, observation)
-        return None if coefficients is None else self.weight * coefficients.square().sum(dim=1)
-
-    def expanded(self, joint_angles: Angles, observation: Observation) -> SeenModel | None:
-        """Value and derivatives by the joint angles; None if no network saw any hand.
-
-        Args:
-            joint_angles: Joint angles, radians.
-            observation: The same hands.
-        """
-        coefficients = self.coefficients(joint_angles, observation)
-        known = self.known(observation)
-        if coefficients is None or known is None:
-            return None
+        seen = _seen(joint_angles, observation)
+        coefficients = self._coefficients(joint_angles, seen)
         whitening = self.whitening.to(joint_angles)
-        value = self.weight * coefficients.square().sum(dim=1)
-        gradient = 2 * self.weight * coefficients @ whitening
         matrix = 2 * self.weight * whitening.mT @ whitening
-        return SeenModel(value, gradient, known[:, None, None] * matrix)
+        known = seen.isfinite().all(dim=1)
+        return SeenModel(
+            self.weight * coefficients.square().sum(dim=1),
+            2 * self.weight * coefficients @ whitening,
+            known[:, None, None] * matrix,
+        )
+
+    def _coefficients(
+        self, joint_angles: Angles, seen: Angles
+    ) -> Float[Tensor, "hand component=45"]:
+        """Difference from the seen pose in standard deviations; zero for hands that no network saw."""
+        known = seen.isfinite().all(dim=1, keepdim=True)
+        return torch.where(known, joint_angles - seen, 0.0) @ self.whitening.to(joint_angles).mT
+
+
+def _seen(joint_angles: Angles, observation: Observation) -> Angles:
+    """Poses that a network saw, NaN where it saw none."""
+    estimate = observation.estimate
+    if estimate is None or estimate.seen_pose is None:
+        return torch.full_like(joint_angles, torch.nan)
+    return estimate.seen_pose.flatten(1).to(joint_angles)

@@ -199,7 +199,11 @@ def shared_shape(
     terms = PriorTerms(objective.prior, centred=True)
     free = terms.free()
     problem = Problem.of(
-        LandmarkProjection(hand, free), terms, objective.data_term, observation, objective.seen_pose
+        LandmarkProjection(hand, free),
+        terms,
+        objective.data_term,
+        observation,
+        objective.seen_pose_term,
     )
     shape = unknowns.shape.new_zeros(10)
     for number in range(ROUNDS):

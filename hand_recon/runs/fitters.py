@@ -13,7 +13,7 @@ from hand_recon.fitting.in_parts import Fitter
 from hand_recon.fitting.lift import lift
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation, observed
-from hand_recon.fitting.seen_pose import SeenPose
+from hand_recon.fitting.seen_pose import SeenPoseTerm
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_prior, instantiate
@@ -26,11 +26,12 @@ def build_objective(config: DictConfig, hand: HandModel) -> Objective:
     """Build the loss of a fit.
 
     Args:
-        config: `conf/fit.yaml` composed.
+        config: `conf/fit.yaml` or `conf/predict.yaml` composed.
         hand: The hand to fit.
 
     Raises:
-        ValueError: The data term needs correlations, which a fit cannot estimate.
+        ValueError: The data term needs correlations, which a fit cannot estimate; or the weight of a term is
+            no number, 0 or more.
     """
     data_term = instantiate(config.data_term)
     if data_term.needs_correlation:
@@ -38,9 +39,16 @@ def build_objective(config: DictConfig, hand: HandModel) -> Objective:
             "Fitting is given each landmark's σ and cannot estimate correlations, which this data "
             "term needs. Use data_term=mse, mse_then_nll, laplace or mse_rescaled."
         )
-    weight = config.get("seen_pose_weight", 0.0)
-    seen_pose = SeenPose.of(weight) if weight else None
-    return Objective(hand, build_prior(config.prior, hand), data_term, seen_pose=seen_pose)
+    prior = build_prior(config.prior, hand)
+    return Objective(hand, prior, data_term, seen_pose_term=_seen_pose_term(config))
+
+
+def _seen_pose_term(config: DictConfig) -> SeenPoseTerm | None:
+    """Term of the pose that the network of `ckpt` sees; None without a network, or with a weight of zero."""
+    if config.get("ckpt") is None:
+        return None
+    term = SeenPoseTerm.of(config.seen_pose_weight)
+    return term if term.weight else None
 
 
 def fitter_of(

@@ -69,6 +69,7 @@ def with_network(config: DictConfig) -> tuple[DictConfig, PhotoNetwork | None]:
         origin_name(file),
         sees_landmarks=same and isinstance(regressor.encoder, PhotoEncoder),
         finds_landmarks=same or boxes_alone,
+        sees_pose=config.seen_pose_weight > 0 and config.descent.steps > 0,
     )
     return config, network
 

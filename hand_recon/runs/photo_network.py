@@ -40,6 +40,8 @@ class PhotoNetwork:
     """True if it takes the detector's landmarks, too."""
     finds_landmarks: bool
     """True if its landmarks can be fitted, since they are of the landmark set of the fit."""
+    sees_pose: bool = True
+    """True if the fit wants the pose that it sees in pixels alone, also of hands with landmarks."""
 
     def find(
         self, pixels: Pixels, hands: Sequence[DetectedHand]
@@ -86,8 +88,8 @@ class PhotoNetwork:
             camera: Camera matrix, pixels of the photograph.
 
         Returns:
-            The hands, and an estimate of each, with σ in pixels of the photograph; NaN for a hand with
-            neither landmarks nor a box.
+            The hands, and an estimate of each, with σ in pixels of the photograph and the pose that the
+            network sees in pixels alone (if `sees_pose`); NaN for a hand with neither landmarks nor a box.
 
         Raises:
             ValueError: The network gives numbers that are not finite.
@@ -98,11 +100,12 @@ class PhotoNetwork:
         if which:
             crops = [self._crop_of(hands[place], found=place in found) for place in which]
             seen = self._look(pixels, crops, camera)
-            in_pixels = seen
-            if any(has_landmarks(hand) for hand, _ in crops):
-                blind = [(_without_landmarks(hand), frame) for hand, frame in crops]
-                in_pixels = self._look(pixels, blind, camera)
-            pose = in_pixels.prediction.parameters.joint_angles
+            pose = seen.prediction.parameters.joint_angles
+            told = [row for row, (hand, _) in enumerate(crops) if has_landmarks(hand)]
+            if told and self.sees_pose:
+                blind = [(_without_landmarks(crops[row][0]), crops[row][1]) for row in told]
+                in_pixels = self._look(pixels, blind, camera).prediction.parameters.joint_angles
+                pose = pose.index_put((torch.tensor(told),), in_pixels)
             estimate = _filled(
                 estimate, torch.tensor(which), replace(seen.estimate(), seen_pose=pose)
             )

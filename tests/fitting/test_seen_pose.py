@@ -13,7 +13,7 @@ from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT
-from hand_recon.fitting.seen_pose import SeenPose
+from hand_recon.fitting.seen_pose import SeenPoseTerm
 from hand_recon.fitting.shared_shape import ShapeModel
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
@@ -53,8 +53,11 @@ def test_the_distance_is_mahalanobis_with_the_covariance_of_natural_poses() -> N
     poses, angles = torch.randn(2, HANDS, 15, 3, dtype=torch.float64)
     difference = (angles - poses).flatten(1)
     expected = 0.7 * (difference @ torch.linalg.inv(covariance) * difference).sum(dim=1)
-    value = SeenPose.of(0.7).value(angles.flatten(1), observation(poses))
-    assert value is not None
+    term, seen = SeenPoseTerm.of(0.7), observation(poses)
+    assert_close(
+        0.7 * term.value(angles.flatten(1), seen), term.expanded(angles.flatten(1), seen).value
+    )
+    value = 0.7 * term.value(angles.flatten(1), seen)
     torch.testing.assert_close(value, expected, rtol=1e-3, atol=0)
 
 
@@ -62,21 +65,22 @@ def test_hands_that_no_network_saw_have_no_loss() -> None:
     poses = torch.randn(HANDS, 15, 3)
     poses[1] = torch.nan
     angles = torch.randn(HANDS, 45)
-    term = SeenPose.of(1.0)
+    term = SeenPoseTerm.of(1.0)
     model = term.expanded(angles, observation(poses))
-    assert model is not None
     assert model.value[1] == 0
     assert not model.gradient[1].any()
     assert not model.curvature[1].any()
     assert (model.value[[0, 2, 3]] > 1).all()
     nobody = observation(torch.full((HANDS, 15, 3), torch.nan))
-    assert term.value(angles, nobody) is None
-    assert term.value(angles, replace(nobody, estimate=None)) is None
+    for seen in (nobody, replace(nobody, estimate=None)):
+        assert torch.equal(term.value(angles, seen), torch.zeros(HANDS))
+        assert not term.expanded(angles, seen).curvature.any()
 
 
-def test_negative_weights_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"Found seen_pose_weight=-1\.0; expected 0 or more"):
-        SeenPose.of(-1.0)
+@pytest.mark.parametrize("weight", [-1.0, float("inf"), float("nan")])
+def test_weights_that_are_no_weights_are_refused(weight: float) -> None:
+    with pytest.raises(ValueError, match=f"Found seen_pose_weight={weight}; expected a number"):
+        SeenPoseTerm.of(weight)
 
 
 @pytest.mark.parametrize("fixed", [False, True], ids=["every unknown", "without fixed angles"])
@@ -84,7 +88,7 @@ def test_value_gradient_and_curvature_of_the_solver_are_those_of_the_loss(*, fix
     hand, unknowns = double_hand(), random_unknowns(HANDS)
     poses = torch.randn(HANDS, 15, 3, dtype=torch.float64)
     poses[2] = torch.nan
-    seen, term = observation(poses), SeenPose.of(3.0)
+    seen, term = observation(poses), SeenPoseTerm.of(3.0)
     prior = Prior({"shape": ShapeTerm(hand), "ranges": RangeOfMotionTerm(hand)}).double()
     terms = PriorTerms(prior)
     free = terms.free() if fixed else None
@@ -95,7 +99,7 @@ def test_value_gradient_and_curvature_of_the_solver_are_those_of_the_loss(*, fix
     inverse = torch.linalg.inv(seen.intrinsics)
 
     def loss(step: Tensor) -> Tensor:
-        objective = Objective(hand, prior, data, with_non_penetration=False, seen_pose=term)
+        objective = Objective(hand, prior, data, with_non_penetration=False, seen_pose_term=term)
         parameters = unknowns.moved(step).parameters(inverse)
         found = objective(parameters, seen).loss
         assert_close(found["seen_pose"] * 3.0, found["weighted/seen_pose"])
@@ -149,9 +153,13 @@ def test_a_seen_pose_mends_what_noisy_landmarks_leave_open(hand: HandModel) -> N
         return float((points - truth).norm(dim=-1).mean())
 
     alone = error(objective, seen)
-    with_pose = error(replace(objective, seen_pose=SeenPose.of(1.0)), of_poses(seen, poses))
+    with_pose = error(
+        replace(objective, seen_pose_term=SeenPoseTerm.of(1.0)), of_poses(seen, poses)
+    )
     assert with_pose < 0.8 * alone
-    assert error(replace(objective, seen_pose=SeenPose.of(1.0)), seen) == pytest.approx(alone)
+    assert error(replace(objective, seen_pose_term=SeenPoseTerm.of(1.0)), seen) == pytest.approx(
+        alone
+    )
 
 
 def test_a_known_pose_leaves_more_of_the_landmarks_to_the_shape() -> None:
@@ -161,7 +169,7 @@ def test_a_known_pose_leaves_more_of_the_landmarks_to_the_shape() -> None:
     terms, projection = PriorTerms(prior), LandmarkProjection(hand)
     data = NegativeLogLikelihood()
     alone = ShapeModel.of(Problem.of(projection, terms, data, seen), unknowns)
-    tiny = ShapeModel.of(Problem.of(projection, terms, data, seen, SeenPose.of(1e-9)), unknowns)
-    fixed = ShapeModel.of(Problem.of(projection, terms, data, seen, SeenPose.of(1e3)), unknowns)
+    tiny = ShapeModel.of(Problem.of(projection, terms, data, seen, SeenPoseTerm.of(1e-9)), unknowns)
+    fixed = ShapeModel.of(Problem.of(projection, terms, data, seen, SeenPoseTerm.of(1e3)), unknowns)
     assert_close(tiny.curvature, alone.curvature)
     assert (torch.linalg.eigvalsh(fixed.curvature) > torch.linalg.eigvalsh(alone.curvature)).all()

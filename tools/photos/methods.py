@@ -39,7 +39,11 @@ class Refinement:
     def of(cls, regressor: Regressor, overrides: tuple[str, ...] = ()) -> "Refinement":
         """The default fit, or another configuration of it, for a network's hand."""
         config: DictConfig = adapted_to_data(
-            composed("predict", [f"landmark_set={regressor.hand.landmark_set}", *overrides])
+            composed(
+                "predict",
+                # Any name: the network is here.
+                [f"landmark_set={regressor.hand.landmark_set}", "ckpt=network", *overrides],
+            )
         )
         return cls(build_objective(config, regressor.hand), instantiate(config.descent))
 

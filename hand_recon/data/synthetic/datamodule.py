@@ -27,7 +27,7 @@ class SyntheticDataModule(HandDataModule):
         test_size: int,
         crop_size: int,
         cache_dir: Path | str,
-        without: Sequence[str] = (),
+        without: Sequence[str] | None = None,
         render_workers: int = 1,
         landmark_set: str = "knuckle",
         pictures: bool = True,
@@ -46,7 +46,7 @@ class SyntheticDataModule(HandDataModule):
             test_size: Number of test images; their gestures and shapes do not occur in training.
             crop_size: Side of an image, pixels.
             cache_dir: Folder for rendered images.
-            without: Features that images lack, keys of `FEATURES`.
+            without: Features that training images lack, keys of `FEATURES`.
             render_workers: Number of processes that render.
             landmark_set: The hand's landmark set.
             pictures: True renders images; False gives landmarks only, in crops of 224 pixels.
@@ -64,14 +64,14 @@ class SyntheticDataModule(HandDataModule):
             level=level,
             seed=data_seed,
             cache_dir=Path(cache_dir),
-            without=tuple(without),
             workers=render_workers,
             landmark_set=landmark_set,
             pictures=pictures,
         )
         self._train_size = train_size
+        self._train = partial(self._split, split="train", without=tuple(without or ()))
         super().__init__(
-            partial(self._split, split="train", size=train_size),
+            partial(self._train, size=train_size),
             partial(self._split, split="val", size=val_size),
             partial(self._split, split="test", size=test_size),
             crop_size=crop_size,
@@ -83,7 +83,7 @@ class SyntheticDataModule(HandDataModule):
 
     def ground_truth_dataset(self) -> HandDataset:
         """Training set with vertices."""
-        return self._split(split="train", size=self._train_size, with_vertices=True)
+        return self._train(size=self._train_size, with_vertices=True)
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
         """Split with vertices; all splits except training have them by default."""
@@ -91,5 +91,5 @@ class SyntheticDataModule(HandDataModule):
 
     def train_parameters(self, limit: int | None = None) -> HandParameters:
         """Hand parameters of the training images, spread evenly over the set."""
-        hands = self._split(split="train", size=self._train_size)
+        hands = self._train(size=self._train_size)
         return hands.parameters(torch.tensor(evenly_spaced(len(hands), limit or len(hands))))

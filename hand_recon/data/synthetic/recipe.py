@@ -83,6 +83,6 @@ def level_named(name: str, without: Sequence[str] = ()) -> Level:
     if unknown:
         raise ValueError(f"Found without={unknown}; images can lack {sorted(FEATURES)}.")
     level = DIFFICULTIES[name]
-    for feature in sorted(without):
+    for feature in sorted(set(without)):
         level = replace(level, name=f"{level.name}-no-{feature}", **FEATURES[feature])
     return level

@@ -18,7 +18,7 @@ from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS, TIPS
 Colour = Float[np.ndarray, " 3"]
 
 _MIDDLE: Final = 0.4
-"""Melanin of the skin of levels without different skin tones, 0–1."""
+"""Melanin of everybody's skin at levels without `skin_tones`, from 0 (lightest) to 1 (darkest)."""
 
 _TONES: Final = np.array(
     [[255, 224, 205], [241, 194, 160], [224, 172, 130], [190, 132, 92], [141, 90, 58], [84, 50, 34]]
@@ -156,6 +156,8 @@ class SkinTone:
     """Darkness of the creases."""
     nails: bool = True
     """True if nails have a colour of their own."""
+    polish: Colour | None = None
+    """Albedo of the nail polish, linear; None without."""
 
 
 @dataclass(frozen=True)
@@ -176,35 +178,44 @@ def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
     """Draw a skin tone; the test split's melanin is uniform over the scale."""
     melanin = random.uniform(0, 1) if held_out else random.beta(1.2, 1.2)
     tint = 1 + random.normal(scale=0.05 if held_out else 0.035, size=3)
-    back, palm = _back_and_palm(melanin, tint)
     painted = random.random() < 0.15
     polish = linear(random.uniform(0.05, 0.95, size=3))
-    nail = polish if painted else 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
+    colours = _skin_colours(melanin, tint, polish if painted else None)
     waves = np.column_stack([random.normal(scale=330.0, size=(6, 3)), random.uniform(0, 6.28, 6)])
     blush, mottle = random.uniform(0.2, 0.9), random.uniform(0.02, 0.06)
-    colours = [colour.astype(np.float32) for colour in (back, palm, nail)]
-    return SkinTone(colours[0], colours[1], blush, colours[2], mottle, waves.astype(np.float32))
+    return SkinTone(
+        back=colours[0],
+        palm=colours[1],
+        blush=blush,
+        nail=colours[2],
+        mottle=mottle,
+        waves=waves.astype(np.float32),
+        polish=polish if painted else None,
+    )
 
 
 def plainer(tone: SkinTone, level: Level) -> SkinTone:
     """The same skin without what images of a level lack."""
     if not level.skin_tones:
-        back, palm = _back_and_palm(_MIDDLE, np.ones(3))
-        nail = 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
-        colours = [colour.astype(np.float32) for colour in (back, palm, nail)]
-        tone = replace(tone, back=colours[0], palm=colours[1], nail=colours[2])
+        back, palm, nail = _skin_colours(_MIDDLE, np.ones(3), tone.polish)
+        tone = replace(tone, back=back, palm=palm, nail=nail)
     if not level.skin_texture:
         tone = replace(tone, blush=0.0, mottle=0.0, creases=0.0)
     return tone if level.nails else replace(tone, nails=False)
 
 
-def _back_and_palm(melanin: float, tint: Colour) -> tuple[Colour, Colour]:
-    """Albedo of the back of the hand and of the palm."""
+def _skin_colours(
+    melanin: float, tint: Colour, polish: Colour | None
+) -> tuple[Colour, Colour, Colour]:
+    """Albedo of the back of the hand, of the palm and of the nails, linear."""
     position = melanin * (len(_TONES) - 1)
     base = [np.interp(position, np.arange(len(_TONES)), _TONES[:, channel]) for channel in range(3)]
     back = linear(np.array(base) / 255) * tint
     pink = linear(np.array([0.90, 0.68, 0.60]))
-    return back, back * (1 - 0.15 - 0.45 * melanin) + pink * (0.15 + 0.45 * melanin)
+    palm = back * (1 - 0.15 - 0.45 * melanin) + pink * (0.15 + 0.45 * melanin)
+    if polish is None:
+        polish = 0.55 * palm + 0.45 * linear(np.array([0.95, 0.80, 0.77]))
+    return back.astype(np.float32), palm.astype(np.float32), polish.astype(np.float32)
 
 
 def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "hit 3"]:

@@ -12,7 +12,7 @@ from hand_recon.fitting.second_order.data_weights import data_weights, is_quadra
 from hand_recon.fitting.second_order.prior_terms import PriorTerms, RangeHinge
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, Unknowns
-from hand_recon.fitting.seen_pose import SeenModel, SeenPose
+from hand_recon.fitting.seen_pose import SeenModel, SeenPoseTerm
 from hand_recon.uncertainty import DataTerm
 
 
@@ -111,7 +111,7 @@ class Problem:
     """Inverse camera matrices."""
     weights: Float[Tensor, "hand landmark=21 2"] | None
     """Second derivatives of the data term by the residuals, if they are constant."""
-    seen_pose: SeenPose | None = None
+    seen_pose_term: SeenPoseTerm | None = None
     """Term of the pose that a network sees."""
 
     @classmethod
@@ -121,7 +121,7 @@ class Problem:
         terms: PriorTerms,
         data_term: DataTerm,
         observation: Observation,
-        seen_pose: SeenPose | None = None,
+        seen_pose_term: SeenPoseTerm | None = None,
     ) -> Self:
         """The problem of some landmarks.
 
@@ -130,7 +130,7 @@ class Problem:
             terms: Terms of the prior on pose and shape.
             data_term: Data term, in the stage that is minimized.
             observation: The landmarks.
-            seen_pose: Term of the pose that a network sees.
+            seen_pose_term: Term of the pose that a network sees.
         """
         labelled, log_sigma = observation.labelled, observation.log_sigma()
         target = observation.landmarks_2d.masked_fill(~labelled[..., None], 0.0)
@@ -147,7 +147,7 @@ class Problem:
             target,
             inverse,
             weights,
-            seen_pose,
+            seen_pose_term,
         )
 
     def __getitem__(self, hands: Tensor) -> Self:
@@ -192,16 +192,14 @@ class Problem:
         return Model(value, gradient, curvature, hinge, free)
 
     def seen(self, unknowns: Unknowns) -> SeenModel | None:
-        """Model of the term of the pose that a network sees, by the free unknowns; None if it saw no hand.
+        """Model of the term of the pose that a network sees, by the free unknowns; None without a network.
 
         Args:
             unknowns: The hands.
         """
-        if self.seen_pose is None:
+        if self.seen_pose_term is None:
             return None
-        found = self.seen_pose.expanded(unknowns.joint_angles.flatten(1), self.observation)
-        if found is None:
-            return None
+        found = self.seen_pose_term.expanded(unknowns.joint_angles.flatten(1), self.observation)
         free = self.projection.free
         every = found.curvature.new_zeros(len(found.value), COUNT, COUNT)
         every[:, ANGLES, ANGLES] = found.curvature

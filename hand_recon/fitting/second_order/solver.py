@@ -94,7 +94,9 @@ class SecondOrder:
         """
         prior, data_term = self.objective.prior, self.objective.data_term
         terms = PriorTerms(prior, centred=True)
-        centred = Problem.of(self.free, terms, data_term, observation, self.objective.seen_pose)
+        centred = Problem.of(
+            self.free, terms, data_term, observation, self.objective.seen_pose_term
+        )
         several = self._selected(centred, self._starts(centred, palms, further))
         best = self._advanced(centred, several, FINAL)
         best = best[_least(best.model.value, len(observation), 1)]
