@@ -46,33 +46,34 @@ photos: $(STAMP)  ## Train a network that sees: PICTURES=<folder of photographs>
 	test -e "$(PICTURES)/train.json" -o -e "$(LABELS)/labels.json" || $(BIN)/hand-recon prepare labels "$(PICTURES)" output="$(LABELS)"
 	$(BIN)/python -m hand_recon.train recipe=photos name=photos $(PHOTOS) $(ARGS)
 
-table1-photos: $(STAMP)  ## The paper's Table 1 on photographs, PICTURES=<folder>: the same 15 minutes for each row, RUNS=2 at a time; then the report.
-	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table1-photos PICTURES=<folder>" >&2; exit 1; }
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 +experiment=ablation_row2,ablation_row3 seed=0 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
-	$(BIN)/python -m hand_recon.report
+# All runs of a study of photographs are in one folder, which its report is about.
+TIME := $(shell date +%Y-%m-%d_%H-%M-%S)
+TRAIN_PHOTOS = @test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make $@ PICTURES=<folder>" >&2; exit 1; }; \
+  set -x; train() { $(BIN)/python -m hand_recon.train -m recipe=photos_table1 $(PHOTOS) 'hydra.sweep.dir=$${paths.output}/sweeps/$(TIME)' $(ARGS) "$$@"; };
 
-table3-photos: $(STAMP)  ## The paper's Table 3 (b) on photographs, PICTURES=<folder>: 3D labels of 10 and 100 % of the rendered hands; then the report.
-	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make table3-photos PICTURES=<folder>" >&2; exit 1; }
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 supervision=landmarks_3d supervision.fraction=0.1,1.0 name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 supervision=landmarks_3d prior=none name=photos $(PHOTOS) threads=2 $(ARGS)
-	$(BIN)/python -m hand_recon.report
+table1-photos: $(STAMP)  ## The paper's Table 1 on photographs, PICTURES=<folder>: the same 15 minutes for each row, RUNS=2 at a time; then the report.
+	$(TRAIN_PHOTOS) train +experiment=ablation_row1,ablation_row4,ablation_row5 seed=0,1 $(AT_ONCE) threads=1 && \
+	  train +experiment=ablation_row2,ablation_row3 $(AT_ONCE) threads=1
+	$(BIN)/python -m hand_recon.report $(REPORT_ARGS)
+
+table3-photos: $(STAMP)  ## The paper's Table 3 (b) on photographs, PICTURES=<folder>: 3D labels of 0, 10 and 100 % of the rendered hands; then the report.
+	$(TRAIN_PHOTOS) train supervision=landmarks_2d && train supervision=landmarks_3d supervision.fraction=0.1,1.0 $(AT_ONCE) threads=1 && \
+	  train supervision=landmarks_3d prior=none
+	$(BIN)/python -m hand_recon.report $(REPORT_ARGS)
 
 # Fewer labels have fewer fingers to exchange, in the same proportion.
 fewer-photos: $(STAMP)  ## How the error grows as labels shrink, with and without ImageNet weights, PICTURES=<folder>: 700, 3,000 and all photographs.
-	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make fewer-photos PICTURES=<folder>" >&2; exit 1; }
-	for counts in 700:470 3000:2000 null:8000; do for weights in imagenet:4 none:0; do $(BIN)/python -m hand_recon.train \
-	  recipe=photos_table1 trainer.max_epochs=2 photos.photographs=$${counts%:*} photos.exchanged=$${counts#*:} \
-	  model.encoder.weights=$${weights%:*} model.encoder.frozen=$${weights#*:} name=photos $(PHOTOS) $(ARGS) || exit 1; done; done
-	$(BIN)/python -m hand_recon.report
+	$(TRAIN_PHOTOS) for size in 700:470 3000:2000 null:8000; do for weights in imagenet:4 none:0; do \
+	  train trainer.max_epochs=2 photos.train_size=$${size%:*} photos.exchanged=$${size#*:} \
+	    model.encoder.weights=$${weights%:*} model.encoder.frozen=$${weights#*:} || exit 1; done; done
+	$(BIN)/python -m hand_recon.report 'method=[photos,data.parts.photographs,model.encoder]' $(REPORT_ARGS)
 
 # Rendered hands alone: no photograph in an epoch.
-FEATURES := [],[background],[objects],[sleeve],[light],[sensor],[skin_tones],[skin_texture],[nails]
+FEATURES := null,[background],[objects],[sleeve],[light],[sensor],[skin_tones],[skin_texture],[nails]
 rendered-photos: $(STAMP)  ## What of rendered hands matters for photographs, PICTURES=<folder>: trained on rendered hands alone that lack one feature each.
-	@test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make rendered-photos PICTURES=<folder>" >&2; exit 1; }
-	$(BIN)/python -m hand_recon.train -m recipe=photos_table1 trainer.max_epochs=2 data.weights.photographs=0 photos.exchanged=0 photos.rendered=8000 \
-	  'data.parts.rendered.without=$(FEATURES)' name=photos $(PHOTOS) $(AT_ONCE) threads=1 $(ARGS)
-	$(BIN)/python -m hand_recon.report
+	$(TRAIN_PHOTOS) train trainer.max_epochs=2 data.weights.photographs=0 photos.exchanged=0 photos.rendered=8000 \
+	  'data.parts.rendered.without=$(FEATURES)' $(AT_ONCE) threads=1
+	$(BIN)/python -m hand_recon.report 'method=[data.parts.rendered]' $(REPORT_ARGS)
 
 lifter: $(STAMP)  ## Train the lifter (2D landmarks to 3D hands) with all knowledge; minutes on one core.
 	$(BIN)/python -m hand_recon.train recipe=lifter $(ARGS)

@@ -84,7 +84,7 @@ def with_boxes(folder: Path, *, sides: bool = True) -> tuple[str, ...]:
 def test_the_networks_hand_starts_the_fit_to_the_detectors_landmarks(
     folder: Path, runs: Path, run: str
 ) -> None:
-    summary = predict(asked(folder, f"ckpt='{runs}/{run}'"))
+    summary = predict(asked(folder, f"ckpt='{runs}/{run}'", "seen_pose_weight=0"))
     assert (summary["hands"], summary["fitted"]) == (3, 3)
     entries = read(folder / "out")
     jsonschema.validate(entries, SCHEMA)
@@ -102,6 +102,18 @@ def test_the_networks_hand_starts_the_fit_to_the_detectors_landmarks(
         assert entry["sigma_2d"] is None
     assert hand_recon.read_hands(folder / "out" / "hands.json").sides == ("right", "right", "left")
     assert [row["hands"] for row in table(folder / "out" / "images.csv")] == ["2", "0", "1"]
+
+
+def test_the_fit_is_kept_near_the_pose_that_the_network_sees(folder: Path, runs: Path) -> None:
+    distances = {}
+    for weight in (0, 1, 1000):
+        words = (f"ckpt='{runs}/photos'", f"seen_pose_weight={weight}")
+        predict(asked(folder, *words, f"output='{folder}/{weight}'"))
+        losses = [entry["loss"] for entry in read(folder / str(weight))]
+        distances[weight] = [loss.get("seen_pose") for loss in losses]
+    assert distances[0] == [None, None, None]
+    for near, far in zip(distances[1000], distances[1], strict=True):
+        assert 0 < near < 0.2 * far
 
 
 def test_the_start_matters_where_it_is_the_only_one(folder: Path, runs: Path) -> None:

@@ -197,6 +197,23 @@ def test_synthetic_hands_come_with_surfaces_for_evaluation(tmp_path: Path) -> No
     assert ground_truth[1].shape[:1] == (4,)
 
 
+def test_features_are_left_out_of_training_images_alone(tmp_path: Path) -> None:
+    sizes = ["data.train_size=2", "data.val_size=2", "data.test_size=2", "crop_size=32"]
+    config = composed(
+        "train", ["data=synthetic", *sizes, "data.without=[nails]", f"paths.cache='{tmp_path}'"]
+    )
+    data = instantiate(config.data)
+    levels = {split: data.dataset(split).recipe.level.name for split in ("train", "val", "test")}
+    assert levels == {"train": "easy-no-nails", "val": "easy", "test": "easy"}
+    assert data.ground_truth_dataset().recipe.level.name == "easy-no-nails"
+
+
+def test_the_number_of_photographs_is_that_of_the_data() -> None:
+    words = ["recipe=photos", "photos.train=labels.json", "photos.train_size=700"]
+    assert composed("train", words).data.parts.photographs.train_size == 700
+    assert composed("train", words[:2]).data.parts.photographs.train_size is None
+
+
 @pytest.mark.parametrize("overrides", [["data=synthetic"], ["data=freihand", "data.root=hands"]])
 def test_the_configuration_builds_a_datamodule(overrides: list[str], tmp_path: Path) -> None:
     config = composed("train", [*overrides, f"paths.cache='{tmp_path}'"])

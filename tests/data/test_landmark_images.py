@@ -207,7 +207,7 @@ def test_some_of_the_training_images_are_drawn(tmp_path: Path) -> None:
     crop = CropPolicy(16, "joints")
 
     def images(split: str, count: int | None) -> set[str]:
-        recipe = LandmarkRecipe(path, val_fraction=0.25, photographs=count, crop=crop)
+        recipe = LandmarkRecipe(path, val_fraction=0.25, train_size=count, crop=crop)
         data = LandmarkSplits(recipe).dataset(split)
         return {data.hands.source(int(row)) for row in data.rows}
 
@@ -216,9 +216,9 @@ def test_some_of_the_training_images_are_drawn(tmp_path: Path) -> None:
     # Nested, so that a study of fewer labels compares like with like; what is held out stays.
     assert two < four < every
     assert images("val", 2) == images("val", None)
-    with pytest.raises(ValueError, match=r"photographs=7, and .* has 6 images to train on"):
+    with pytest.raises(ValueError, match=r"train_size=7, and .* has 6 images to train on"):
         images("train", 7)
-    with pytest.raises(ValueError, match=r"photographs=0; expected the number"):
+    with pytest.raises(ValueError, match=r"train_size=0; expected the number"):
         images("train", 0)
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from hand_recon.hand.model import HandModel
+from hand_recon.runs.fitters import build_objective
 from hand_recon.runs.photo_checkpoint import (
     checkpoint_file,
     gives_boxes_alone,
@@ -44,6 +45,18 @@ def test_the_start_of_the_network_takes_the_place_of_the_lifters(runs: Path) -> 
     assert network.finds_landmarks
     assert not network.regressor.training
     assert not loaded(runs / "images").sees_landmarks
+
+
+def test_the_pose_in_pixels_is_asked_for_where_the_fit_uses_it(runs: Path, hand: HandModel) -> None:
+    words = f"ckpt='{runs}/photos'"
+    term = build_objective(asked(words), hand).seen_pose_term
+    assert term is not None
+    assert term.weight == 1.0
+    assert loaded(runs / "photos").sees_pose
+    assert build_objective(asked(words, "seen_pose_weight=0"), hand).seen_pose_term is None
+    assert not loaded(runs / "photos", "seen_pose_weight=0").sees_pose
+    assert not loaded(runs / "photos", "descent.steps=0").sees_pose
+    assert build_objective(asked(), hand).seen_pose_term is None
 
 
 def test_a_network_is_read_once_until_its_file_changes(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ class LandmarkRecipe:
     """Share of the training images for validation where no file is given; as many again for testing."""
     split_seed: int = 0
     """Seed of the split, the same for all seeds of a study."""
-    photographs: int | None = None
+    train_size: int | None = None
     """Number of training images, drawn by `split_seed`; None takes all that are not held out."""
     exchanged: int = 0
     """Number of further training hands with fingers of other hands (`exchanged.py`); needs a cache
@@ -72,9 +72,9 @@ class LandmarkRecipe:
                 f"exchanged={self.exchanged}: such hands are made once and kept in a cache; expected 0, "
                 "or more and reading.cache_dir for their folder."
             )
-        if self.photographs is not None and self.photographs < 1:
+        if self.train_size is not None and self.train_size < 1:
             raise ValueError(
-                f"photographs={self.photographs}; expected the number of training images, 1 or more, or null "
+                f"train_size={self.train_size}; expected the number of training images, 1 or more, or null "
                 "for all."
             )
         if self.crop.around not in AROUND:
@@ -160,10 +160,10 @@ class LandmarkSplits:
         for split in held_out:
             shares[split] = np.flatnonzero(np.isin(of_row, order[start : start + count]))
             start += count
-        end = None if recipe.photographs is None else start + recipe.photographs
+        end = None if recipe.train_size is None else start + recipe.train_size
         if end is not None and end > len(scenes):
             raise ValueError(
-                f"photographs={recipe.photographs}, and {recipe.train} has {len(scenes) - start} images to "
+                f"train_size={recipe.train_size}, and {recipe.train} has {len(scenes) - start} images to "
                 "train on. Ask for fewer, or null for all."
             )
         shares["train"] = np.flatnonzero(np.isin(of_row, order[start:end]))
