@@ -3,8 +3,8 @@
     python tools/measure_photos.py <run> --labels test.json --images <folder> --clip <clip>
 
 A run is a folder or a checkpoint of `recipe=photos`, or several with their names: `row5=outputs/…`. For each
-run there are up to four ways: from pixels alone, from pixels and the labels as a detector's landmarks,
-and both with the fit behind. E_2D is in pixels of a 224-pixel crop, against the labels, which are a
+run there are up to five ways: from pixels alone, from pixels and the labels as a detector's landmarks,
+both with the fit behind, and this on a clip as of one person, whose hands share a shape. E_2D is in pixels of a 224-pixel crop, against the labels, which are a
 detector's. PA-MPJPE is against the landmarks that the two cameras triangulate.
 """
 
@@ -19,7 +19,7 @@ from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.results import write_json
 from photos.drawing import draw_page
-from photos.methods import methods
+from photos.methods import WAYS, methods
 from photos.scores import Scored, score
 from photos.sets import PhotoSet, clip_photographs, labelled_photographs
 from photos.tables import as_json, group_table, main_table
@@ -33,7 +33,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--images", type=Path, help="folder of the photographs; else that of the labels")
     add("--clip", type=Path, help="folder of cam0.mp4, calibration.json and landmarks.npz")
     add("--every", type=int, default=1, help="step between frames of the clip")
-    add("--ways", nargs="+", help="some of: pixels, 'pixels + fit', both, 'both + fit'")
+    add("--ways", nargs="+", choices=WAYS, help="some of these")
     add("--turns", nargs="*", type=float, help="degrees of further looks; none for one look")
     add("--groups", action="store_true", help="tables by folder, gesture, view, lightness")
     add(
@@ -59,7 +59,7 @@ def main(words: Sequence[str] | None = None) -> None:
         name, _, path = text.rpartition("=")
         regressor, size = _network(path, arguments.turns)
         for hands in _sets(arguments, size):
-            for way, run in methods(regressor, one_person=hands.second is not None).items():
+            for way, run in methods(regressor, one_person=hands.one_person).items():
                 if arguments.ways and way not in arguments.ways:
                     continue
                 label = f"{name}: {way}" if name else way

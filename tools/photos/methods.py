@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import torch
 from omegaconf import DictConfig
@@ -26,6 +27,9 @@ from hand_recon.schema import HandBatch, HandEstimate, HandPrediction
 from photos.sets import PhotoSet
 
 BATCH = 128
+
+WAYS: Final = ("pixels", "pixels + fit", "both", "both + fit", "both + fit, one person")
+"""Ways from photographs to hands."""
 
 
 @dataclass(frozen=True)

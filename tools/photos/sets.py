@@ -50,6 +50,8 @@ class PhotoSet:
     """Photographs with the same name are alike and are resampled together."""
     second: SecondCamera | None = None
     """A second view."""
+    one_person: bool = False
+    """True if all hands are one person's."""
 
     def __len__(self) -> int:
         return len(self.blocks)
@@ -114,7 +116,7 @@ def clip_photographs(folder: Path, size: int, expansion: float, every: int = 1) 
     policy = CropPolicy(size=size, around="joints", expansion=expansion)
     batch = _cut(frames, hands.landmarks.landmarks_2d.numpy(), policy, matrix)
     batch = replace(batch, landmarks_3d=hands.ground_truth.float(), source=hands.landmarks.names)
-    return PhotoSet("clip", batch, {}, hands.groups, hands.second)
+    return PhotoSet("clip", batch, {}, hands.groups, hands.second, one_person=True)
 
 
 def _whole(dataset: HandDataset) -> HandBatch:
