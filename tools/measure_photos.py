@@ -2,10 +2,11 @@
 
     python tools/measure_photos.py <run> --labels test.json --images <folder> --clip <clip>
 
-A run is a folder or a checkpoint of `recipe=photos`, or several with their names: `row5=outputs/…`. For each
-run there are up to five ways: from pixels alone, from pixels and the labels as a detector's landmarks,
-both with the fit behind, and this on a clip as of one person, whose hands share a shape. E_2D is in pixels of a 224-pixel crop, against the labels, which are a
-detector's. PA-MPJPE is against the landmarks that the two cameras triangulate.
+A run is a folder or a checkpoint of `recipe=photos`, or several with their names: `row5=outputs/…`. For
+each run there are up to five ways: from pixels alone, from pixels and the labels as a detector's
+landmarks, both with the fit behind, and this on a clip as of one person, whose hands share a shape. E_2D
+is in pixels of a 224-pixel crop, against the labels, which are a detector's. PA-MPJPE is against the
+landmarks that the two cameras triangulate.
 """
 
 import argparse
@@ -33,7 +34,13 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--images", type=Path, help="folder of the photographs; else that of the labels")
     add("--clip", type=Path, help="folder of cam0.mp4, calibration.json and landmarks.npz")
     add("--every", type=int, default=1, help="step between frames of the clip")
-    add("--ways", nargs="+", choices=WAYS, help="some of these")
+    add(
+        "--ways",
+        nargs="+",
+        choices=WAYS,
+        metavar="WAY",
+        help=f"some of: {', '.join(map(repr, WAYS))}",
+    )
     add("--turns", nargs="*", type=float, help="degrees of further looks; none for one look")
     add("--groups", action="store_true", help="tables by folder, gesture, view, lightness")
     add(
