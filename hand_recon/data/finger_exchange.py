@@ -11,7 +11,7 @@ from typing import Final
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hand_recon.hand.skeleton import LANDMARKS
 
@@ -28,6 +28,10 @@ FINGERS: Final = tuple(tuple(range(1 + 4 * finger, 5 + 4 * finger)) for finger i
 
 _WRIST: Final = LANDMARKS.index("wrist")
 _MIDDLE: Final = LANDMARKS.index("middle MCP")
+_LITTLE: Final = LANDMARKS.index("little MCP")
+
+STRAIGHT: Final = 0.85
+"""Distance of a stretched finger's tip from its base, as a share of the length of its bones in the image."""
 
 WIDTH: Final = 0.25
 """Width of a finger, as a share of the distance from the wrist to the middle MCP."""
@@ -77,6 +81,31 @@ class Similarity:
         """Move points."""
         moved: np.ndarray = np.einsum("hij,hpj->hpi", self.linear, points) + self.offset[:, None]
         return moved
+
+
+def straight_fingers(
+    landmarks: Float[np.ndarray, "hand landmark=21 2"],
+) -> Bool[np.ndarray, "hand finger=5"]:
+    """True for each finger that is stretched, by its landmarks in the image, thumb first.
+
+    A finger is stretched if its tip is nearly as far from its base as its bones are long, and farther
+    from the wrist than its base; a thumb, if its tip is farther from the little finger's base than its IP.
+
+    Args:
+        landmarks: Pixels.
+    """
+    straight = np.empty((len(landmarks), 5), dtype=bool)
+    for finger, joints in enumerate(FINGERS):
+        chain = landmarks[:, list(joints)]
+        if finger == 0:
+            across = np.linalg.norm(chain[:, 2:] - landmarks[:, [_LITTLE]], axis=-1)
+            straight[:, finger] = across[:, 1] > across[:, 0]
+            continue
+        bones = np.linalg.norm(np.diff(chain, axis=1), axis=-1).sum(axis=1)
+        chord = np.linalg.norm(chain[:, 3] - chain[:, 0], axis=-1)
+        from_wrist = np.linalg.norm(chain[:, [0, 3]] - landmarks[:, [_WRIST]], axis=-1)
+        straight[:, finger] = (chord > STRAIGHT * bones) & (from_wrist[:, 1] > from_wrist[:, 0])
+    return straight
 
 
 def similarity(

@@ -1,5 +1,6 @@
 """Datasets with exchanged fingers: order, repeatability, the cache, and what cannot be exchanged."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import torch
 
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.finger_exchange import FINGERS
+from hand_recon.data.finger_exchange import FINGERS, straight_fingers
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
 from hand_recon.data.landmarks.exchanged import WithExchangedFingers
 
@@ -26,7 +27,7 @@ def folder_of(path: Path, hands: int) -> Path:
     for number in range(hands):
         points = np.array(OPEN, dtype=float)
         if number % 3:
-            points[list(FINGERS[4 if number % 3 == 1 else 1]), 1] = 62 - 5.0 * np.arange(4)
+            points[list(FINGERS[4 if number % 3 == 1 else 1]), 1] = 62, 50, 55, 63
         image = np.full((120, 120, 3), 60 + number, np.uint8)
         for joints in FINGERS:
             line = np.round(points[[0, *joints]]).astype(np.int32)
@@ -88,9 +89,13 @@ def test_hands_come_about_that_no_photograph_shows(tmp_path: Path) -> None:
     start = len(every) - 20
     photographs = [every[index].landmarks_2d for index in range(start)]
     shapes = [every[start + k].landmarks_2d for k in range(20)]
-    # Index and little finger bent: in a crop of 64 pixels, a bent finger is over 5 pixels shorter.
+    # Index and little finger bent, a quarter of the combinations: a bent finger is over 5 pixels shorter.
     new = [min(float((shape - seen).abs().max()) for seen in photographs) > 5 for shape in shapes]
-    assert 3 <= sum(new) < 20
+    assert 2 <= sum(new) < 12
+    stretched = straight_fingers(np.stack([shape.numpy() for shape in shapes]))
+    assert {tuple(row[[1, 4]].tolist()) for row in stretched} == set(
+        itertools.product((False, True), repeat=2)
+    )
 
 
 def test_settings_that_cannot_be_are_refused(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from hand_recon.data.finger_exchange import (
     exchange_finger,
     palm_colour,
     similarity,
+    straight_fingers,
 )
 
 SIZE = 120
@@ -48,6 +49,28 @@ def drawn(points: np.ndarray, skin: tuple[int, int, int], background: int = 10) 
 @given(
     st.floats(-np.pi, np.pi), st.floats(0.3, 3.0), st.floats(-50, 50), st.floats(-50, 50),
 )  # fmt: skip
+def test_stretched_fingers_are_told_from_bent_ones_in_any_rotation() -> None:
+    stretched = flat_hand()
+    bent = flat_hand()
+    for finger, joints in enumerate(FINGERS):
+        base = bent[joints[0]]
+        if finger == 0:
+            # Across the palm.
+            bent[list(joints)] = base + np.outer(range(4), (9.0, -6.0))
+        else:
+            # Up, over and down again: chord 2 of 12 + 5 + 9 pixels.
+            bent[list(joints), 1] = base[1] - np.array([0.0, 12.0, 7.0, -2.0])
+    # A finger without a bend of its own that lies back over the palm is bent at its base.
+    back = flat_hand()
+    back[list(FINGERS[2]), 1] = back[FINGERS[2][0], 1] + 9.0 * np.arange(4)
+    angle = np.radians(130)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for points in (np.stack([stretched, bent, back]), np.stack([stretched, bent, back]) @ turn.T):
+        assert straight_fingers(points).tolist() == [
+            [True] * 5, [False] * 5, [True, True, False, True, True]
+        ]  # fmt: skip
+
+
 def test_a_similarity_is_found_again(angle: float, scale: float, right: float, down: float) -> None:
     linear = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = flat_hand()[list(PALM)]

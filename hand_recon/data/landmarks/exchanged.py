@@ -1,6 +1,7 @@
 """Training photographs with exchanged fingers, made once and kept in the cache."""
 
 import logging
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Final
 
 import numpy as np
 import torch
+from jaxtyping import Bool
 
 from hand_recon.data.annotated_dataset import AnnotatedImages
 from hand_recon.data.cache import MappedArray, digest, ensure_built
@@ -19,6 +21,7 @@ from hand_recon.data.finger_exchange import (
     choose_donor,
     exchange_finger,
     palm_colour,
+    straight_fingers,
 )
 from hand_recon.data.progress import with_progress
 from hand_recon.schema import HandSample
@@ -28,10 +31,13 @@ logger = logging.getLogger(__name__)
 CANDIDATES: Final = 250
 """Donors that are looked at for one finger."""
 
-TRIES: Final = 20
-"""Hands that are tried for one image before its own hand is taken as it is."""
+TRIES: Final = 60
+"""Hands that are tried for one image before a hand is taken as it is."""
 
-VERSION: Final = 1
+MOST_FINGERS: Final = 3
+"""Most fingers of one hand that are exchanged."""
+
+VERSION: Final = 2
 """Raised when the same settings give other images."""
 
 
@@ -41,6 +47,7 @@ class _Crops:
 
     images: np.ndarray
     landmarks: np.ndarray
+    straight: np.ndarray
 
     @classmethod
     def of(cls, dataset: AnnotatedImages) -> "_Crops":
@@ -50,7 +57,8 @@ class _Crops:
             if bool(sample.labelled.all()):
                 images.append(sample.image.permute(1, 2, 0).numpy())
                 landmarks.append(sample.landmarks_2d.numpy().astype(np.float64))
-        return cls(np.stack(images), np.stack(landmarks))
+        points = np.stack(landmarks)
+        return cls(np.stack(images), points, straight_fingers(points))
 
 
 class WithExchangedFingers:
@@ -143,29 +151,59 @@ def _make(dataset: AnnotatedImages, count: int, folder: Path, seed: int, workers
 
 
 def _exchanged(crops: _Crops, donors: Donors, random: np.random.Generator) -> tuple[Pixels, Points]:
-    """A hand with one to three fingers of others."""
-    rule = ExchangeRule()
-    for _ in range(TRIES):
+    """A hand with one to three fingers of others, by which it gets a combination drawn from all 32.
+
+    Photographs of gestures have few combinations of stretched and bent fingers, and chance would make the
+    frequent ones again.
+    """
+    wanted = _combination(crops, random)
+    for attempt in range(TRIES):
         hand = int(random.integers(len(crops.images)))
-        pixels, points = crops.images[hand], crops.landmarks[hand]
-        changed = False
-        for finger in random.permutation(5)[: random.integers(1, 4)].tolist():
-            candidates = random.integers(len(crops.images), size=CANDIDATES)
-            found = choose_donor(donors, candidates, hand, points, finger=finger, rule=rule)
-            if found is None or not _inside(crops, found[0], finger):
-                continue
-            donor, matrix = found
-            pixels, points = exchange_finger(
-                pixels,
-                points,
-                crops.images[donor],
-                crops.landmarks[donor],
-                finger=finger,
-                matrix=matrix,
-            )
-            changed = True
-        if changed:
-            break
+        if attempt == TRIES // 2:
+            # No hand is near to it: another combination.
+            wanted = _combination(crops, random)
+        fingers = random.permutation(np.flatnonzero(crops.straight[hand] != wanted))
+        if not 1 <= len(fingers) <= MOST_FINGERS:
+            continue
+        found = _with_fingers(crops, donors, random, hand, wanted=wanted, fingers=fingers.tolist())
+        if found is not None:
+            return found
+    hand = int(random.integers(len(crops.images)))
+    return crops.images[hand], crops.landmarks[hand]
+
+
+def _combination(crops: _Crops, random: np.random.Generator) -> Bool[np.ndarray, "finger=5"]:
+    """A combination of stretched and bent fingers; a finger that is alike in all hands stays so."""
+    varies = crops.straight.any(axis=0) & ~crops.straight.all(axis=0)
+    return np.where(varies, random.random(5) < 0.5, crops.straight[0])
+
+
+def _with_fingers(
+    crops: _Crops,
+    donors: Donors,
+    random: np.random.Generator,
+    hand: int,
+    *,
+    wanted: Bool[np.ndarray, "finger=5"],
+    fingers: Sequence[int],
+) -> tuple[Pixels, Points] | None:
+    """A hand with some fingers of donors, stretched or bent as wanted; None if a finger has no donor."""
+    pixels, points = crops.images[hand], crops.landmarks[hand]
+    for finger in fingers:
+        possible = np.flatnonzero(crops.straight[:, finger] == wanted[finger])
+        candidates = possible[random.integers(len(possible), size=CANDIDATES)]
+        found = choose_donor(donors, candidates, hand, points, finger=finger, rule=ExchangeRule())
+        if found is None or not _inside(crops, found[0], finger):
+            return None
+        donor, matrix = found
+        pixels, points = exchange_finger(
+            pixels,
+            points,
+            crops.images[donor],
+            crops.landmarks[donor],
+            finger=finger,
+            matrix=matrix,
+        )
     return pixels, points
 
 
