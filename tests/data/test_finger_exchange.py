@@ -46,9 +46,6 @@ def drawn(points: np.ndarray, skin: tuple[int, int, int], background: int = 10) 
     return image
 
 
-@given(
-    st.floats(-np.pi, np.pi), st.floats(0.3, 3.0), st.floats(-50, 50), st.floats(-50, 50),
-)  # fmt: skip
 def test_stretched_fingers_are_told_from_bent_ones_in_any_rotation() -> None:
     stretched = flat_hand()
     bent = flat_hand()
@@ -71,6 +68,9 @@ def test_stretched_fingers_are_told_from_bent_ones_in_any_rotation() -> None:
         ]  # fmt: skip
 
 
+@given(
+    st.floats(-np.pi, np.pi), st.floats(0.3, 3.0), st.floats(-50, 50), st.floats(-50, 50),
+)  # fmt: skip
 def test_a_similarity_is_found_again(angle: float, scale: float, right: float, down: float) -> None:
     linear = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = flat_hand()[list(PALM)]
