@@ -32,7 +32,7 @@ RUN python3 -m venv /opt/venv \
  && awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > /tmp/uv.txt \
  && pip install --no-cache-dir --disable-pip-version-check --require-hashes -r /tmp/uv.txt \
  && uv pip install --verify-hashes --constraints requirements.lock \
-      --build-constraints requirements.lock --requirements pyproject.toml --extra train
+      --build-constraints requirements.lock --requirements pyproject.toml --extra train --extra backbone
 
 # Editable, so that users of the image edit the configuration beside the package.
 COPY --chown=hand README.md LICENSE NOTICE ./
