@@ -15,7 +15,7 @@ from hand_recon.regressor.lifted import start_from_lifter
 from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.lifters import load_named
 from photos.drawing import PER_LINE, SIDE, page
-from photos.methods import Refinement, look, methods, refined
+from photos.methods import WAYS, Refinement, look, methods, refined
 from photos.scores import score
 from photos.sets import PhotoSet, _frames, _gesture, _lightness, _palm_width
 from photos.tables import as_json, group_table, main_table
@@ -88,14 +88,25 @@ def test_given_landmarks_are_seen_and_the_fit_comes_nearer(
     batch = seen.batch
     pixels = look(network, batch, with_landmarks=False)
     both = look(network, batch, with_landmarks=True)
-    fitted = refined(network, Refinement.of(network), batch, with_landmarks=True)
+    # Random maps see no pose that a fit could be kept near.
+    refinement = Refinement.of(network, ("seen_pose_weight=0",))
+    fitted = refined(network, refinement, batch, with_landmarks=True)
     errors = [
         float((one.landmarks_2d - batch.landmarks_2d).norm(dim=-1).mean()) * 224 / 64
         for one in (pixels, both, fitted)
     ]
-    # Random maps see nothing; the lifter is some pixels off; the fit explains exact landmarks.
+    # They see no landmarks either; the lifter is some pixels off; the fit explains exact landmarks.
     assert errors[0] > 20 > 12 > errors[1] > errors[2]
     assert errors[2] < 2
+
+
+def test_hands_of_one_person_share_a_shape(network: Regressor, seen: PhotoSet) -> None:
+    assert "both + fit, one person" not in methods(network)
+    ways = methods(network, one_person=True)
+    assert tuple(ways) == WAYS
+    alone, together = (ways[name](seen).parameters.shape for name in WAYS[-2:])
+    assert float(alone.std(dim=0).max()) > 1e-3
+    assert float(together.std(dim=0).max()) < 1e-6
 
 
 def test_pixels_alone_are_fitted_to_what_the_network_found(
