@@ -2,15 +2,20 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.fitting.observation import Observation
 from hand_recon.knowledge.natural_pose import natural_poses
 from hand_recon.knowledge.pose_distance import PoseDistance
+
+AGREES: Final = 20.0
+"""Largest mean distance of the landmarks that a network finds from the given ones with which its pose is
+believed, pixels of a 224-pixel crop."""
 
 Angles = Float[Tensor, "hand angle=45"]
 
@@ -90,6 +95,25 @@ class SeenPoseTerm:
         """Difference from the seen pose in standard deviations; zero for hands that no network saw."""
         known = seen.isfinite().all(dim=1, keepdim=True)
         return torch.where(known, joint_angles - seen, 0.0) @ self.whitening.to(joint_angles).mT
+
+
+def believed(
+    poses: Float[Tensor, "hand joint=15 axis=3"],
+    found_2d: Float[Tensor, "hand landmark=21 2"],
+    given_2d: Float[Tensor, "hand landmark=21 2"],
+    crop_size: int,
+) -> Float[Tensor, "hand joint=15 axis=3"]:
+    """Poses that a network saw, NaN where it found the landmarks elsewhere (`AGREES`).
+
+    Args:
+        poses: Joint angles, radians.
+        found_2d: Landmarks that the network found or projected, pixels of the crop.
+        given_2d: Landmarks that the hands are fitted to, pixels of the crop; NaN where there is none.
+        crop_size: Side of the crop, pixels.
+    """
+    distance = (found_2d - given_2d).norm(dim=-1) * (REFERENCE_SIZE / crop_size)
+    agrees = distance.nanmean(dim=1) <= AGREES
+    return torch.where(agrees[:, None, None], poses, torch.nan)
 
 
 def _seen(joint_angles: Angles, observation: Observation) -> Angles:

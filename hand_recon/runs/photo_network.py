@@ -14,6 +14,7 @@ from hand_recon.data.augment import to_float
 from hand_recon.data.crop import CropPolicy, crop_points
 from hand_recon.data.landmarks.image_landmarks import FEWEST
 from hand_recon.detection.detector import DetectedHand
+from hand_recon.fitting.seen_pose import believed
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.runs.photo_crops import frame_of, sample_of
 from hand_recon.schema import REFERENCE_SIZE, HandEstimate, HandParameters, HandPrediction, collate
@@ -88,8 +89,9 @@ class PhotoNetwork:
             camera: Camera matrix, pixels of the photograph.
 
         Returns:
-            The hands, and an estimate of each, with σ in pixels of the photograph and the pose that the
-            network sees in pixels alone (if `sees_pose`); NaN for a hand with neither landmarks nor a box.
+            The hands, and an estimate of each, with σ in pixels of the photograph and, if `sees_pose`, the
+            pose that the network sees in pixels alone, unless it finds the hand elsewhere than its landmarks.
+            All is NaN for a hand with neither landmarks nor a box.
 
         Raises:
             ValueError: The network gives numbers that are not finite.
@@ -104,8 +106,9 @@ class PhotoNetwork:
             told = [row for row, (hand, _) in enumerate(crops) if has_landmarks(hand)]
             if told and self.sees_pose:
                 blind = [(_without_landmarks(crops[row][0]), crops[row][1]) for row in told]
-                in_pixels = self._look(pixels, blind, camera).prediction.parameters.joint_angles
-                pose = pose.index_put((torch.tensor(told),), in_pixels)
+                in_pixels = self._look(pixels, blind, camera)
+                given = [crops[row][0].landmarks_2d for row in told]
+                pose = pose.index_put((torch.tensor(told),), in_pixels.believed_poses(given))
             estimate = _filled(
                 estimate, torch.tensor(which), replace(seen.estimate(), seen_pose=pose)
             )
@@ -172,13 +175,26 @@ class _Seen:
         """The hands in the camera of the photograph."""
         return HandEstimate(self.prediction.parameters, self.log_sigma)
 
-    def hands(self, seen: Iterator[DetectedHand]) -> Iterator[DetectedHand]:
-        """The same hands with the landmarks that the network found in the crop, and their σ.
-
-        A network that looks for none has the projections of its hand.
-        """
+    @property
+    def landmarks_2d(self) -> Float[Tensor, "hand landmark=21 2"]:
+        """Landmarks that the network found, pixels of the crops; projections if it looks for none."""
         located = self.prediction.located_2d
-        points = (self.prediction.landmarks_2d if located is None else located).double().numpy()
+        return self.prediction.landmarks_2d if located is None else located
+
+    def believed_poses(self, given: Sequence[Float[np.ndarray, "landmark=21 2"]]) -> Tensor:
+        """Joint angles of each hand, radians; NaN where the network found it elsewhere than its landmarks.
+
+        Args:
+            given: Landmarks of each hand, pixels of the photograph.
+        """
+        in_crops = [crop_points(*pair) for pair in zip(given, self.matrices, strict=True)]
+        points = torch.from_numpy(np.stack(in_crops)).to(self.landmarks_2d)
+        poses = self.prediction.parameters.joint_angles
+        return believed(poses, self.landmarks_2d, points, self.size)
+
+    def hands(self, seen: Iterator[DetectedHand]) -> Iterator[DetectedHand]:
+        """The same hands with the landmarks that the network found in the crop, and their σ."""
+        points = self.landmarks_2d.double().numpy()
         # One σ per landmark: the mean square of both coordinates.
         sigma = torch.exp(2 * self.log_sigma).mean(dim=-1).sqrt().numpy()
         for place, hand in enumerate(seen):

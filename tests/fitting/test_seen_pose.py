@@ -13,7 +13,7 @@ from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT
-from hand_recon.fitting.seen_pose import SeenPoseTerm
+from hand_recon.fitting.seen_pose import SeenPoseTerm, believed
 from hand_recon.fitting.shared_shape import ShapeModel
 from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
@@ -75,6 +75,17 @@ def test_hands_that_no_network_saw_have_no_loss() -> None:
     for seen in (nobody, replace(nobody, estimate=None)):
         assert torch.equal(term.value(angles, seen), torch.zeros(HANDS))
         assert not term.expanded(angles, seen).curvature.any()
+
+
+def test_a_pose_is_believed_where_the_network_found_the_landmarks() -> None:
+    poses = torch.randn(3, 15, 3)
+    given = 60 * torch.rand(3, 21, 2)
+    # 3-4-5: every landmark of the second hand is 12.5 pixels of a crop of 112 off, 25 of one of 224.
+    found = given + torch.tensor([[0.0, 0.0], [7.5, 10.0], [5.4, 7.2]])[:, None]
+    given[2, :5] = torch.nan
+    trusted = believed(poses, found, given, 112)
+    assert torch.equal(trusted[[0, 2]], poses[[0, 2]])
+    assert trusted[1].isnan().all()
 
 
 @pytest.mark.parametrize("weight", [-1.0, float("inf"), float("nan")])

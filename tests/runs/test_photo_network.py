@@ -109,9 +109,17 @@ def test_the_network_sees_crop_and_landmarks(
 
 
 def test_the_pose_in_pixels_does_not_depend_on_the_landmarks(
-    runs: Path, pixels: np.ndarray, found: tuple[DetectedHand, ...]
+    runs: Path,
+    pixels: np.ndarray,
+    found: tuple[DetectedHand, ...],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     network = loaded(runs / "photos")
+    # An untrained network finds every landmark elsewhere, and its pose is not believed.
+    doubted = placed(network, pixels, found[0])[1].seen_pose
+    assert doubted is not None
+    assert doubted.isnan().all()
+    monkeypatch.setattr("hand_recon.fitting.seen_pose.AGREES", 1e6)
     random = np.random.default_rng(7)
     # The same box, and so the same crop.
     within = random.uniform(0.2, 0.8, (21, 2)) * 90 + (20, 30)

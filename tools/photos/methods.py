@@ -16,6 +16,7 @@ from hand_recon.fitting.descent import fit as descend
 from hand_recon.fitting.estimated import estimated_start
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.seen_pose import believed
 from hand_recon.fitting.shared_shape import shared_shape, with_shape
 from hand_recon.fitting.start import Start
 from hand_recon.regressor.error_feedback import Regressor
@@ -151,6 +152,10 @@ def refined(
         )
     in_pixels = look(regressor, batch, with_landmarks=False) if with_landmarks else seen
     pose = in_pixels.parameters.joint_angles
+    if with_landmarks:
+        points = in_pixels.located_2d
+        points = in_pixels.landmarks_2d if points is None else points
+        pose = believed(pose, points, batch.landmarks_2d, batch.crop_size)
     parts = []
     for first in range(0, len(batch), BATCH):
         rows = slice(first, first + BATCH)
