@@ -115,4 +115,4 @@ FEATURES: Final[dict[str, dict[str, Any]]] = {
     "skin_texture": {"skin_texture": False},
     "nails": {"nails": False},
 }
-"""What images can lack, for studies: changes to a level by name of the feature."""
+"""Features that images can lack, for studies: changes to a level by name."""
