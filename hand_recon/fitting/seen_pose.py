@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, Self
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.camera import REFERENCE_SIZE
@@ -42,8 +42,8 @@ class SeenPoseTerm:
 
     weight: float
     """Factor of the squared distance."""
-    whitening: Float[Tensor, "component angle=45"]
-    """Matrix from differences of joint angles, radians, to standard deviations."""
+    distance: PoseDistance
+    """Distance in standard deviations of natural poses; its mean does not count."""
 
     @classmethod
     def of(cls, weight: float) -> Self:
@@ -58,7 +58,7 @@ class SeenPoseTerm:
         """
         if not 0 <= weight < math.inf:
             raise ValueError(f"Found seen_pose_weight={weight}; expected a number, 0 or more.")
-        return cls(weight, PoseDistance.of_gaussian(*natural_poses()).whitening)
+        return cls(weight, PoseDistance.of_gaussian(*natural_poses()))
 
     def value(self, joint_angles: Angles, observation: Observation) -> Float[Tensor, " hand"]:
         """Squared distance of each hand, without the weight.
@@ -67,9 +67,7 @@ class SeenPoseTerm:
             joint_angles: Joint angles, radians.
             observation: The same hands.
         """
-        return (
-            self._coefficients(joint_angles, _seen(joint_angles, observation)).square().sum(dim=1)
-        )
+        return self.distance.squared(_difference(joint_angles, observation)[0])
 
     def expanded(self, joint_angles: Angles, observation: Observation) -> SeenModel:
         """Weighted value and derivatives by the joint angles.
@@ -78,23 +76,13 @@ class SeenPoseTerm:
             joint_angles: Joint angles, radians.
             observation: The same hands.
         """
-        seen = _seen(joint_angles, observation)
-        coefficients = self._coefficients(joint_angles, seen)
-        whitening = self.whitening.to(joint_angles)
-        matrix = 2 * self.weight * whitening.mT @ whitening
-        known = seen.isfinite().all(dim=1)
+        difference, known = _difference(joint_angles, observation)
+        found = self.distance.expanded(difference)
         return SeenModel(
-            self.weight * coefficients.square().sum(dim=1),
-            2 * self.weight * coefficients @ whitening,
-            known[:, None, None] * matrix,
+            self.weight * found.value,
+            self.weight * found.gradient,
+            self.weight * known[:, :, None] * found.curvature,
         )
-
-    def _coefficients(
-        self, joint_angles: Angles, seen: Angles
-    ) -> Float[Tensor, "hand component=45"]:
-        """Difference from the seen pose in standard deviations; zero for hands that no network saw."""
-        known = seen.isfinite().all(dim=1, keepdim=True)
-        return torch.where(known, joint_angles - seen, 0.0) @ self.whitening.to(joint_angles).mT
 
 
 def believed(
@@ -116,9 +104,14 @@ def believed(
     return torch.where(agrees[:, None, None], poses, torch.nan)
 
 
-def _seen(joint_angles: Angles, observation: Observation) -> Angles:
-    """Poses that a network saw, NaN where it saw none."""
+def _difference(
+    joint_angles: Angles, observation: Observation
+) -> tuple[Angles, Bool[Tensor, "hand 1"]]:
+    """Joint angles minus those that a network saw, zero for hands that none saw; True for those seen."""
     estimate = observation.estimate
-    if estimate is None or estimate.seen_pose is None:
-        return torch.full_like(joint_angles, torch.nan)
-    return estimate.seen_pose.flatten(1).to(joint_angles)
+    seen = None if estimate is None else estimate.seen_pose
+    if seen is None:
+        seen = torch.full_like(joint_angles, torch.nan)
+    seen = seen.flatten(1).to(joint_angles)
+    known = seen.isfinite().all(dim=1, keepdim=True)
+    return torch.where(known, joint_angles - seen, 0.0), known

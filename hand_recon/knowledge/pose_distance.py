@@ -1,5 +1,7 @@
 """Distance of a pose from a mean pose in standard deviations, as a term of a prior."""
 
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -53,9 +55,41 @@ class PoseDistance(nn.Module):
         Args:
             joint_angles: Bend, splay and twist, radians.
         """
-        from_mean = joint_angles.flatten(-2) - self.mean.to(joint_angles)
-        coefficients = from_mean @ self.whitening.to(joint_angles).mT
-        return coefficients.square().sum(dim=-1)
+        return self.squared(joint_angles.flatten(-2) - self.mean.to(joint_angles))
+
+    def squared(self, from_mean: Float[Tensor, "*batch angle=45"]) -> Float[Tensor, "*batch"]:
+        """The squared distance.
+
+        Args:
+            from_mean: Joint angles minus the mean, or minus another pose, radians.
+        """
+        return (from_mean @ self.whitening.to(from_mean).mT).square().sum(dim=-1)
+
+    def expanded(self, from_mean: Float[Tensor, "*batch angle=45"]) -> "Quadratic":
+        """The squared distance with its derivatives.
+
+        Args:
+            from_mean: Joint angles minus the mean, or minus another pose, radians.
+        """
+        whitening = self.whitening.to(from_mean)
+        coefficients = from_mean @ whitening.mT
+        return Quadratic(
+            coefficients.square().sum(dim=-1),
+            2 * coefficients @ whitening,
+            2 * whitening.mT @ whitening,
+        )
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A squared distance with its derivatives by the joint angles."""
+
+    value: Float[Tensor, "*batch"]
+    """Squared standard deviations."""
+    gradient: Float[Tensor, "*batch angle=45"]
+    """First derivatives."""
+    curvature: Float[Tensor, "angle=45 angle=45"]
+    """Second derivatives, the same for every pose."""
 
 
 class PoseDistanceTerm(Term):

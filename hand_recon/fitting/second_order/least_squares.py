@@ -6,6 +6,7 @@ from typing import Self
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
 
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import data_weights, is_quadratic
@@ -188,7 +189,7 @@ class Problem:
             curvature = curvature + seen.curvature
         if hinge is not None:
             value = value + hinge.value()
-            hinge = hinge.of_angles(free[: len(free) - COUNT + ANGLES.stop])
+            hinge = hinge.of_angles(self._free_angles)
         return Model(value, gradient, curvature, hinge, free)
 
     def seen(self, unknowns: Unknowns) -> SeenModel | None:
@@ -200,12 +201,16 @@ class Problem:
         if self.seen_pose_term is None:
             return None
         found = self.seen_pose_term.expanded(unknowns.joint_angles.flatten(1), self.observation)
+        angles = self._free_angles
+        rest = len(self.projection.free) - len(angles)
+        gradient, curvature = found.gradient[:, angles], found.curvature[:, angles][:, :, angles]
+        return SeenModel(found.value, pad(gradient, (0, rest)), pad(curvature, (0, rest, 0, rest)))
+
+    @property
+    def _free_angles(self) -> Int[Tensor, " angle"]:
+        """Indices of the free angles, which are the first of the free unknowns."""
         free = self.projection.free
-        every = found.curvature.new_zeros(len(found.value), COUNT, COUNT)
-        every[:, ANGLES, ANGLES] = found.curvature
-        gradient = found.gradient.new_zeros(len(found.value), COUNT)
-        gradient[:, ANGLES] = found.gradient
-        return SeenModel(found.value, gradient[:, free], every[:, free][:, :, free])
+        return free[: len(free) - COUNT + ANGLES.stop]
 
     def _data(self, residual: Tensor) -> tuple[Tensor, Tensor]:
         """Data term of each hand, and the weights of the squared residuals."""

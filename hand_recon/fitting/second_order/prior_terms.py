@@ -188,13 +188,11 @@ class PriorTerms:
             diagonal[:, ANGLES] += precision
         matrix = None
         for term in self._distances:
-            distance, scale = term.distance, 2 * term.weight
-            whitening = distance.whitening.to(angles)
-            coefficients = (angles - distance.mean.to(angles)) @ whitening.mT
-            value = value + scale / 2 * coefficients.square().sum(dim=1)
-            gradient[:, ANGLES] += scale * coefficients @ whitening
-            matrix = shape.new_zeros(COUNT, COUNT)
-            matrix[ANGLES, ANGLES] = scale * whitening.mT @ whitening
+            found = term.distance.expanded(angles - term.distance.mean.to(angles))
+            value = value + term.weight * found.value
+            gradient[:, ANGLES] += term.weight * found.gradient
+            matrix = shape.new_zeros(COUNT, COUNT) if matrix is None else matrix
+            matrix[ANGLES, ANGLES] += term.weight * found.curvature
         return Smooth(value, gradient, diagonal, matrix)
 
     def hinge(self, unknowns: Unknowns) -> RangeHinge | None:

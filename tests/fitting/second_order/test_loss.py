@@ -19,6 +19,7 @@ from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.natural_pose import NaturalPoseTerm
 from hand_recon.knowledge.pose_components import PoseComponentsTerm
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import (
@@ -104,14 +105,16 @@ def test_value_and_gradient_are_those_of_the_training_loss(name: str, term: Data
     torch.testing.assert_close(changed, (after - loss).detach(), rtol=1e-4, atol=1e-3)
 
 
-def test_the_curvature_of_a_linear_problem_is_its_second_derivative() -> None:
+@pytest.mark.parametrize("terms", [1, 2])
+def test_the_curvature_of_a_linear_problem_is_its_second_derivative(terms: int) -> None:
     """With residuals of zero, Gauss-Newton is exact."""
     hand, unknowns = double_hand(), random_unknowns(HANDS)
     cameras = random_cameras(HANDS)
     projection, inverse = LandmarkProjection(hand), torch.linalg.inv(cameras)
     pixels = projection(unknowns, cameras, inverse).pixels.permute(2, 1, 0).contiguous()
     seen = Observation(pixels, torch.ones(HANDS, 21, dtype=torch.bool), cameras)
-    prior = Prior({"pose": PoseComponentsTerm(hand, weight=10.0)})
+    distances = {"pose": PoseComponentsTerm(hand, weight=10.0), "natural": NaturalPoseTerm(hand)}
+    prior = Prior(dict(list(distances.items())[:terms])).double()
     model = Problem.of(projection, PriorTerms(prior), NegativeLogLikelihood(), seen)(unknowns)
     objective = Objective(hand, prior, NegativeLogLikelihood(), with_non_penetration=False)
 
