@@ -205,6 +205,11 @@ class HandPrediction(_TensorRecord):
     """Landmarks that the network found in the image before it placed a hand there, pixels of the crop;
     None if it looks for none."""
 
+    @property
+    def found_2d(self) -> Float[Tensor, "*batch landmark=21 2"]:
+        """Landmarks that the network found in the image; those of its hand if it looks for none."""
+        return self.landmarks_2d if self.located_2d is None else self.located_2d
+
 
 @dataclass(frozen=True)
 class CropMotion:

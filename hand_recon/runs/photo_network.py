@@ -175,12 +175,6 @@ class _Seen:
         """The hands in the camera of the photograph."""
         return HandEstimate(self.prediction.parameters, self.log_sigma)
 
-    @property
-    def landmarks_2d(self) -> Float[Tensor, "hand landmark=21 2"]:
-        """Landmarks that the network found, pixels of the crops; projections if it looks for none."""
-        located = self.prediction.located_2d
-        return self.prediction.landmarks_2d if located is None else located
-
     def believed_poses(self, given: Sequence[Float[np.ndarray, "landmark=21 2"]]) -> Tensor:
         """Joint angles of each hand, radians; NaN where the network found it elsewhere than its landmarks.
 
@@ -188,13 +182,13 @@ class _Seen:
             given: Landmarks of each hand, pixels of the photograph.
         """
         in_crops = [crop_points(*pair) for pair in zip(given, self.matrices, strict=True)]
-        points = torch.from_numpy(np.stack(in_crops)).to(self.landmarks_2d)
-        poses = self.prediction.parameters.joint_angles
-        return believed(poses, self.landmarks_2d, points, self.size)
+        found = self.prediction.found_2d
+        points = torch.from_numpy(np.stack(in_crops)).to(found)
+        return believed(self.prediction.parameters.joint_angles, found, points, self.size)
 
     def hands(self, seen: Iterator[DetectedHand]) -> Iterator[DetectedHand]:
         """The same hands with the landmarks that the network found in the crop, and their σ."""
-        points = self.landmarks_2d.double().numpy()
+        points = self.prediction.found_2d.double().numpy()
         # One σ per landmark: the mean square of both coordinates.
         sigma = torch.exp(2 * self.log_sigma).mean(dim=-1).sqrt().numpy()
         for place, hand in enumerate(seen):

@@ -142,20 +142,17 @@ def refined(
     seen = look(regressor, batch, with_landmarks=with_landmarks)
     target = replace(batch, label_noise=None, confidence=None)
     if not with_landmarks:
-        located = seen.landmarks_2d if seen.located_2d is None else seen.located_2d
         sigma: Tensor = seen.log_sigma.exp().square().mean(dim=-1).sqrt()
         target = replace(
             target,
-            landmarks_2d=located,
+            landmarks_2d=seen.found_2d,
             labelled=torch.ones_like(batch.labelled),
             label_noise=sigma * (batch.crop_size / REFERENCE_SIZE),
         )
     in_pixels = look(regressor, batch, with_landmarks=False) if with_landmarks else seen
     pose = in_pixels.parameters.joint_angles
     if with_landmarks:
-        points = in_pixels.located_2d
-        points = in_pixels.landmarks_2d if points is None else points
-        pose = believed(pose, points, batch.landmarks_2d, batch.crop_size)
+        pose = believed(pose, in_pixels.found_2d, batch.landmarks_2d, batch.crop_size)
     parts = []
     for first in range(0, len(batch), BATCH):
         rows = slice(first, first + BATCH)
