@@ -28,8 +28,6 @@ class Augmentation:
 
     rotation: float = 0.5236
     """Largest rotation about the crop's centre, radians (30°)."""
-    any_rotation: float = 0.0
-    """Probability of a rotation by any angle, beyond the largest one."""
     scale: float = 0.2
     """Largest relative change of the hand's size."""
     shift: float = 0.05
@@ -47,7 +45,6 @@ class Augmentation:
 
     def __post_init__(self) -> None:
         limits = {
-            "any_rotation": 1.0,
             "scale": 0.9,
             "side_jitter": 0.9,
             "colour": 1.0,
@@ -100,12 +97,7 @@ class Augmentation:
         scale = (1 + self.scale * zoom) * 2 / torch.maximum(left + right, top + bottom)
         box = torch.stack([right - left, bottom - top], dim=-1) * crop_size / 4
         shift = torch.stack([across, down], dim=-1) * self.shift * crop_size
-        angle = self.rotation * angle
-        # No draw where none is needed: the images of other settings stay the same.
-        if self.any_rotation:
-            turned = torch.rand(count, generator=generator) < self.any_rotation
-            angle = torch.where(turned, torch.pi * _symmetric((count,), generator), angle)
-        camera = _camera_rotation(angle, flipped)
+        camera = _camera_rotation(self.rotation * angle, flipped)
         centre = torch.full((count, 2), crop_size / 2)
         linear = scale[:, None, None] * camera[:, :2, :2]
         offset = centre + shift - (linear @ (centre + box)[..., None])[..., 0]

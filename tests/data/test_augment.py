@@ -190,21 +190,6 @@ def test_a_flip_is_off_by_default_and_mirrors_the_hand_when_on() -> None:
     )
 
 
-def generator() -> torch.Generator:
-    return torch.Generator().manual_seed(5)
-
-
-def test_some_crops_turn_by_any_angle() -> None:
-    motion = Augmentation(rotation=0.5, any_rotation=0.3, flip=0.0).draw_motion(
-        4000, SIZE, generator()
-    )
-    angle = torch.atan2(motion.camera[:, 1, 0], motion.camera[:, 0, 0])
-    # Of those that turn by any angle, 1 / (2π) are within half a radian by chance.
-    beyond = float((angle.abs() > 0.5).float().mean())
-    assert beyond == pytest.approx(0.3 * (1 - 1 / (2 * math.pi)), abs=0.02)
-    assert float(angle.abs().max()) > 3.1
-
-
 @pytest.mark.parametrize("wrong", [{"rotation": -0.1}, {"scale": 1.5}, {"flip": 2.0}])
 def test_a_range_that_makes_no_sense_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"Augmentation {next(iter(wrong))}="):

@@ -125,8 +125,7 @@ def photo_augmentation() -> Augmentation:
         outside=0.5, contrast=0.3, grey=0.1, blur=0.2, noise=0.02, patches=0.5, patch_side=0.38
     )
     return Augmentation(
-        rotation=0.7854, scale=0.25, shift=0.06, side_jitter=0.0, colour=0.2,
-        brightness=0.1, flip=0.0,
+        rotation=0.7854, scale=0.25, shift=0.06, side_jitter=0.0, colour=0.2, brightness=0.1, flip=0.0,
         appearance=appearance,
     )  # fmt: skip
 
