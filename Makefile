@@ -46,7 +46,8 @@ photos: $(STAMP)  ## Train a network that sees: PICTURES=<folder of photographs>
 	test -e "$(PICTURES)/train.json" -o -e "$(LABELS)/labels.json" || $(BIN)/hand-recon prepare labels "$(PICTURES)" output="$(LABELS)"
 	$(BIN)/python -m hand_recon.train recipe=photos name=photos $(PHOTOS) $(ARGS)
 
-# All runs of a study of photographs are in one folder, which its report is about.
+# All runs of a study of photographs are in one folder, which its report is about. With another paths.output in ARGS, the
+# report needs it in REPORT_ARGS, too.
 TIME := $(shell date +%Y-%m-%d_%H-%M-%S)
 TRAIN_PHOTOS = @test -d "$(PICTURES)" || { echo "Name a folder of labelled photographs: make $@ PICTURES=<folder>" >&2; exit 1; }; \
   set -x; train() { $(BIN)/python -m hand_recon.train -m recipe=photos_table1 $(PHOTOS) 'hydra.sweep.dir=$${paths.output}/sweeps/$(TIME)' $(ARGS) "$$@"; };

@@ -67,6 +67,24 @@ def gesture_sheet(columns: int) -> np.ndarray:
     return np.vstack([np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)])
 
 
+def feature_sheet(level: str, split: str, crop_size: int, seed: int, columns: int) -> np.ndarray:
+    """The same hands in every row, first with all features of a level, then without one each.
+
+    Args:
+        level: Name of the level.
+        split: Split that the hands are of.
+        crop_size: Side of the images, pixels.
+        seed: Seed of the set.
+        columns: Hands in a row.
+    """
+    rows = []
+    for without in ((), *((feature,) for feature in FEATURES)):
+        recipe = Recipe(split, level_named(level, without), crop_size, seed)
+        hands = [synthetic_hand(recipe, index) for index in range(columns)]
+        rows.append(np.hstack([tile(hand, 160, landmarks=False) for hand in hands]))
+    return np.vstack(rows)
+
+
 def main() -> None:
     """Write `<level>.png` or `gestures.png` into a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -87,18 +105,13 @@ def main() -> None:
         sheet = gesture_sheet(arguments.columns)
         cv2.imwrite(str(arguments.folder / "gestures.png"), sheet[..., ::-1])
         return
-    if arguments.features:
-        for name in arguments.levels:
-            rows = []
-            for without in ((), *((feature,) for feature in FEATURES)):
-                level = level_named(name, without)
-                recipe = Recipe(arguments.split, level, arguments.crop_size, arguments.seed)
-                hands = [synthetic_hand(recipe, index) for index in range(arguments.columns)]
-                rows.append(np.hstack([tile(hand, 160, landmarks=False) for hand in hands]))
-            path = arguments.folder / f"{name}-features.png"
-            cv2.imwrite(str(path), np.vstack(rows)[..., ::-1])
-        return
     for name in arguments.levels:
+        if arguments.features:
+            sheet = feature_sheet(
+                name, arguments.split, arguments.crop_size, arguments.seed, arguments.columns
+            )
+            cv2.imwrite(str(arguments.folder / f"{name}-features.png"), sheet[..., ::-1])
+            continue
         recipe = Recipe(arguments.split, level_named(name), arguments.crop_size, arguments.seed)
         hands = [synthetic_hand(recipe, i) for i in range(arguments.rows * arguments.columns)]
         tiles = [tile(hand, 224, landmarks=i % 2 == 1) for i, hand in enumerate(hands)]
