@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib.resources import files
 from pathlib import Path
 
 import cv2
@@ -16,9 +15,7 @@ from hydra.errors import InstantiationException
 
 from hand_recon.runs.looking import photo_names
 from hand_recon.runs.predict_run import predict
-from tests.support.photo_folder import CAMERA, QUICK, asked, read, table
-
-SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
+from tests.support.photo_folder import CAMERA, QUICK, SCHEMA, asked, read, table
 
 
 def test_photographs_become_a_folder_of_hands(folder: Path) -> None:

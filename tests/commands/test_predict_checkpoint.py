@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,71 +12,35 @@ import jsonschema
 import numpy as np
 import pytest
 import torch
-from omegaconf import DictConfig, open_dict
-from PIL import Image
 
 import hand_recon
 from hand_recon.runs import looking, predict_run
 from hand_recon.runs.predict_run import predict
-from tests.support.configurations import composed
 from tests.support.detector_models import published_models
-from tests.support.photo_checkpoint import IMAGES, LIFTER, PHOTOS, write_run
-from tests.support.photo_folder import CAMERA, QUICK, read, table
+from tests.support.photo_checkpoint import IMAGES, LIFTER, PHOTOS, write_networks, write_run
+from tests.support.photo_folder import (
+    CAMERA,
+    QUICK,
+    SCHEMA,
+    asked,
+    read,
+    table,
+    texture,
+    with_boxes,
+)
 
-SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TWO, LEFT = "1 two.png", "3 hånd's, [left].png"
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs of untrained networks."""
-    folder = tmp_path_factory.mktemp("runs")
-    write_run(folder / "photos", *PHOTOS, sharpness=1e4)
-    write_run(folder / "images", *IMAGES)
-    return folder
+    return write_networks(tmp_path_factory.mktemp("runs"))
 
 
 @pytest.fixture
 def folder(folder: Path) -> Path:
-    """Photographs without the file that is cut off; textured, so that crops differ."""
-    (folder / "photos" / "4 cut off.png").unlink()
-    noise = np.random.default_rng(8).integers(0, 255, (24, 32, 3)).astype(np.uint8)
-    for path in (folder / "photos").iterdir():
-        Image.fromarray(noise).resize((640, 480), Image.Resampling.BICUBIC).save(path)
-    return folder
-
-
-def boxes_of(folder: Path, *, sides: bool = True) -> Path:
-    """The boxes of the hands of `found.json` as a file of boxes."""
-    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
-    boxes: list[dict[str, Any]] = []
-    for entry in entries:
-        points = np.array(entry["landmarks"])
-        box = [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
-        boxes.append({"image": entry["image"], "box": box})
-        if sides:
-            boxes[-1]["side"] = entry["side"]
-    (folder / "boxes.json").write_text(json.dumps(boxes), encoding="utf-8")
-    return folder / "boxes.json"
-
-
-def asked(folder: Path, *overrides: str, detector: tuple[str, ...] = ()) -> DictConfig:
-    """`conf/predict.yaml` composed for the photographs of a folder; by default with its landmarks."""
-    landmarks = ("detector=landmarks", f"detector.landmarks='{folder}/found.json'")
-    config = composed(
-        f"input=['{folder}/photos']", *(detector or landmarks), f"camera='{folder}/K.json'",
-        f"output='{folder}/out'", *QUICK, *overrides, name="predict",
-    )  # fmt: skip
-    with open_dict(config):
-        del config["hydra"]
-    return config
-
-
-def with_boxes(folder: Path, *, sides: bool = True) -> tuple[str, ...]:
-    """Words for boxes in place of landmarks; MediaPipe's models are in no folder that there is."""
-    boxes = boxes_of(folder, sides=sides)
-    return "detector=boxes", f"detector.boxes='{boxes}'", f"detector.models='{folder}/no models'"
+    return texture(folder)
 
 
 @pytest.mark.parametrize("run", ["photos", "images"])
@@ -145,50 +108,6 @@ def test_without_steps_the_networks_hand_is_the_result(folder: Path, runs: Path,
         points = np.array(entry["landmarks_3d"])
         on_plane = points / points[:, 2:] @ np.array(CAMERA).T
         np.testing.assert_allclose(on_plane[:, :2], entry["landmarks_2d"], atol=0.05)
-
-
-def test_boxes_need_no_models_of_mediapipe(folder: Path, runs: Path) -> None:
-    """The network finds the landmarks of the crop, and the fit is to them, with its σ."""
-    summary = predict(asked(folder, f"ckpt='{runs}/photos'", detector=with_boxes(folder)))
-    assert (summary["hands"], summary["fitted"]) == (3, 3)
-    entries = read(folder / "out")
-    jsonschema.validate(entries, SCHEMA)
-    boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
-    assert [entry["side"] for entry in entries] == ["right", "right", "left"]
-    for entry, box in zip(entries, boxes, strict=True):
-        assert entry["source"].startswith("boxes, checkpoint photos/checkpoints/best.ckpt ")
-        assert entry["score"] is None
-        assert entry["sigma_2d"] is not None
-        seen, corners = np.array(entry["observed_2d"]), np.array(box["box"]).reshape(2, 2)
-        extent = (corners[1] - corners[0]).max()
-        assert (np.abs(seen - corners.mean(axis=0)) < 2 * extent).all()
-    assert not list(folder.rglob("*.tflite"))
-
-
-def test_boxes_without_steps_are_the_networks_hands_at_their_place(
-    folder: Path, runs: Path
-) -> None:
-    """A network of images has no landmarks but its hand's projections."""
-    words = ("descent.steps=0", f"ckpt='{runs}/images'")
-    predict(asked(folder, *words, detector=with_boxes(folder)))
-    for entry in read(folder / "out"):
-        np.testing.assert_allclose(entry["observed_2d"], entry["landmarks_2d"], atol=0.01)
-        assert entry["residual"] < 0.01
-
-
-def test_whole_images_and_boxes_need_a_side(folder: Path, runs: Path) -> None:
-    ckpt, whole = f"ckpt='{runs}/photos'", ("detector=whole",)
-    with pytest.raises(ValueError, match=r"detector=whole with ckpt=… needs the side"):
-        predict(asked(folder, ckpt, detector=whole))
-    boxes = with_boxes(folder, sides=False)
-    with pytest.raises(ValueError, match="3 of 3 boxes have no side"):
-        predict(asked(folder, ckpt, detector=boxes))
-    assert not (folder / "out").exists()
-    predict(asked(folder, ckpt, "side=left", detector=boxes))
-    assert {entry["side"] for entry in read(folder / "out")} == {"left"}
-    words = (ckpt, "side=right", f"output='{folder}/whole'")
-    assert predict(asked(folder, *words, detector=whole))["hands"] == 3
-    assert {entry["side"] for entry in read(folder / "whole")} == {"right"}
 
 
 def test_a_wrong_checkpoint_claims_no_folder(folder: Path, runs: Path, tmp_path: Path) -> None:
@@ -268,24 +187,6 @@ def test_a_network_that_diverged_is_an_error_of_each_photograph(
     with pytest.raises(ValueError, match="2 of 3 images could not be processed"):
         predict(asked(folder, f"ckpt='{run}'"))
     assert "its training diverged" in caplog.text
-
-
-def test_a_camera_with_lens_distortion_moves_the_landmarks_that_the_network_finds(
-    folder: Path, runs: Path
-) -> None:
-    """Crops are cut from the photograph as it is; the landmarks of the fit are without distortion."""
-    ckpt, boxes = f"ckpt='{runs}/photos'", with_boxes(folder)
-    predict(asked(folder, ckpt, f"output='{folder}/plain'", detector=boxes))
-    camera = {"camera_matrix": CAMERA, "distortion_coefficients": [0.2, 0.0, 0.0, 0.0, 0.0]}
-    (folder / "K.json").write_text(json.dumps(camera))
-    predict(asked(folder, ckpt, f"output='{folder}/lens'", detector=boxes))
-    for plain, lens in zip(read(folder / "plain"), read(folder / "lens"), strict=True):
-        seen, straight = np.array(plain["observed_2d"]), np.array(lens["observed_2d"])
-        # Barrel or pincushion: straight = x with distorted = x (1 + 0.2 r²) about the principal point.
-        x = (straight - [320.0, 240.0]) / 700.0
-        again = 700.0 * x * (1 + 0.2 * (x**2).sum(axis=1, keepdims=True)) + [320.0, 240.0]
-        np.testing.assert_allclose(again, seen, atol=0.1)
-        assert np.abs(straight - seen).max() > 0.01
 
 
 def test_the_python_call_gives_what_the_command_writes(folder: Path, runs: Path) -> None:

@@ -72,6 +72,17 @@ def write_run(folder: Path, *overrides: str, sharpness: float = 1.0) -> Path:
     return folder
 
 
+def write_networks(folder: Path) -> Path:
+    """Write runs of untrained networks, `photos` and `images`, into a folder.
+
+    Args:
+        folder: The folder, which is returned.
+    """
+    write_run(folder / "photos", *PHOTOS, sharpness=1e4)
+    write_run(folder / "images", *IMAGES)
+    return folder
+
+
 def asked(*words: str) -> DictConfig:
     """Configuration of `hand-recon predict`, adapted to its data.
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 import torch
 from omegaconf import DictConfig, open_dict
+from PIL import Image
 
 from hand_recon.camera import project
 from hand_recon.hand.model import HandModel
@@ -17,13 +19,15 @@ from tests.support.views import known_hands, views
 
 CAMERA = [[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]]
 QUICK = ("descent.steps=20", "descent.starts=1")
+SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
 
 
-def asked(folder: Path, *overrides: str) -> DictConfig:
-    """`conf/predict.yaml` composed for the photographs of a folder and our landmarks."""
+def asked(folder: Path, *overrides: str, detector: tuple[str, ...] = ()) -> DictConfig:
+    """`conf/predict.yaml` composed for the photographs of a folder; by default with our landmarks."""
+    landmarks = ("detector=landmarks", f"detector.landmarks='{folder}/found.json'")
     config = composed(
-        f"input=['{folder}/photos']", "detector=landmarks", f"detector.landmarks='{folder}/found.json'",
-        f"camera='{folder}/K.json'", f"output='{folder}/out'", *QUICK, *overrides, name="predict",
+        f"input=['{folder}/photos']", *(detector or landmarks), f"camera='{folder}/K.json'",
+        f"output='{folder}/out'", *QUICK, *overrides, name="predict",
     )  # fmt: skip
     with open_dict(config):
         del config["hydra"]
@@ -61,3 +65,36 @@ def table(path: Path) -> list[dict[str, str]]:
 def read(folder: Path) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = json.loads((folder / "hands.json").read_text(encoding="utf-8"))
     return entries
+
+
+def texture(folder: Path) -> Path:
+    """Remove the photograph that is cut off, and give all others a texture, so that crops differ.
+
+    Args:
+        folder: A folder of `photos`, which is returned.
+    """
+    (folder / "photos" / "4 cut off.png").unlink()
+    noise = np.random.default_rng(8).integers(0, 255, (24, 32, 3)).astype(np.uint8)
+    for path in (folder / "photos").iterdir():
+        Image.fromarray(noise).resize((640, 480), Image.Resampling.BICUBIC).save(path)
+    return folder
+
+
+def boxes_of(folder: Path, *, sides: bool = True) -> Path:
+    """The boxes of the hands of `found.json` as a file of boxes."""
+    entries = json.loads((folder / "found.json").read_text(encoding="utf-8"))
+    boxes: list[dict[str, Any]] = []
+    for entry in entries:
+        points = np.array(entry["landmarks"])
+        box = [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
+        boxes.append({"image": entry["image"], "box": box})
+        if sides:
+            boxes[-1]["side"] = entry["side"]
+    (folder / "boxes.json").write_text(json.dumps(boxes), encoding="utf-8")
+    return folder / "boxes.json"
+
+
+def with_boxes(folder: Path, *, sides: bool = True) -> tuple[str, ...]:
+    """Words for boxes in place of landmarks; MediaPipe's models are in no folder that there is."""
+    boxes = boxes_of(folder, sides=sides)
+    return "detector=boxes", f"detector.boxes='{boxes}'", f"detector.models='{folder}/no models'"
