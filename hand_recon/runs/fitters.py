@@ -18,7 +18,7 @@ from hand_recon.fitting.start import Start
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_prior, instantiate
 from hand_recon.runs.lifters import check_result, load_named, names_lifter, starts_of
-from hand_recon.runs.one_person import one_person_fitter
+from hand_recon.runs.one_person import hands_of_person, one_person_fitter
 from hand_recon.schema import HandBatch
 
 
@@ -73,7 +73,7 @@ def fitter_of(
         partial(build_fitter, config),
         build_objective(config, hand),
         instantiate(config.descent),
-        landmarks,
+        hands_of_person(landmarks),
         sigma_at_half_confidence=config.sigma_at_half_confidence,
     )
 

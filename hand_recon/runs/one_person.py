@@ -12,7 +12,7 @@ from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.fitting.descent import Descent, last_stage
 from hand_recon.fitting.in_parts import PART, Fitter
 from hand_recon.fitting.objective import Fitted, Objective
-from hand_recon.fitting.observation import observed
+from hand_recon.fitting.observation import SIGMA_AT_HALF_CONFIDENCE, observed
 from hand_recon.fitting.shared_shape import shared_shape, with_shape
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandBatch, HandParameters
@@ -28,9 +28,9 @@ def one_person_fitter(
     build: Callable[[HandModel], Fitter],
     objective: Objective,
     descent: Descent,
-    landmarks: ImageLandmarks,
+    hands: HandBatch,
     *,
-    sigma_at_half_confidence: float,
+    sigma_at_half_confidence: float = SIGMA_AT_HALF_CONFIDENCE,
 ) -> Fitter:
     """Estimate the shape of one person's hands, and build the fit of hands of this shape.
 
@@ -41,7 +41,7 @@ def one_person_fitter(
         build: Builds the fit of a copy of the hand model that has one shape.
         objective: The loss of these fits, with the hand model.
         descent: Settings of the optimizer.
-        landmarks: The hands of the person.
+        hands: Hands of the person, of `hands_of_person` if there are many.
         sigma_at_half_confidence: σ at confidence ½, pixels of a 224-pixel crop.
 
     Returns:
@@ -50,17 +50,15 @@ def one_person_fitter(
     Raises:
         ValueError: The hands are not fitted, but a lifter's predictions.
     """
-    some = _spread(landmarks)
-    if len(some) < 2:
+    if len(hands) < 2:
         return fitter
-    batch = to_crops(some).batch
-    found = _fitted(fitter, batch)
-    seen = observed(batch, sigma_at_half_confidence)
+    found = _fitted(fitter, hands)
+    seen = observed(hands, sigma_at_half_confidence)
     last = replace(objective, data_term=last_stage(objective.data_term, seen, descent))
     shape = shared_shape(seen, found, last)
     logger.info(
-        "%d hands are taken for one person's and share a shape, %.1f standard deviations from the mean.",
-        len(landmarks), float(shape.norm()),
+        "The hands are taken for one person's and share a shape, %.1f standard deviations from the mean, "
+        "estimated from %d of them.", float(shape.norm()), len(hands),
     )  # fmt: skip
     of_person = build(objective.hand.of_shape(shape))
 
@@ -70,11 +68,11 @@ def one_person_fitter(
     return run
 
 
-def _spread(landmarks: ImageLandmarks) -> ImageLandmarks:
-    """At most `MOST` hands with enough landmarks."""
+def hands_of_person(landmarks: ImageLandmarks) -> HandBatch:
+    """At most `MOST` hands with enough landmarks, in crops of 224 pixels."""
     usable = landmarks.usable.nonzero()[:, 0]
     step = max(1, -(-len(usable) // MOST))
-    return landmarks.select(usable[::step])
+    return to_crops(landmarks.select(usable[::step])).batch
 
 
 def _fitted(fitter: Fitter, batch: HandBatch) -> HandParameters:

@@ -2,29 +2,24 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import torch
 from omegaconf import DictConfig
 from torch import Tensor
 
-from hand_recon.camera import REFERENCE_SIZE, default_intrinsics
 from hand_recon.command_line.composing import composed
 from hand_recon.data.augment import to_float
-from hand_recon.fitting.descent import Descent, last_stage
-from hand_recon.fitting.descent import fit as descend
-from hand_recon.fitting.estimated import estimated_start
-from hand_recon.fitting.objective import Fitted, Objective
-from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.seen_pose import believed
-from hand_recon.fitting.shared_shape import shared_shape, with_shape
-from hand_recon.fitting.start import Start
+from hand_recon.hand.model import HandModel
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.configuration import instantiate
 from hand_recon.runs.fit_run import adapted_to_data
-from hand_recon.runs.fitters import build_objective
-from hand_recon.schema import HandBatch, HandEstimate, HandPrediction
+from hand_recon.runs.fitters import build_fitter, build_objective
+from hand_recon.runs.one_person import MOST, one_person_fitter
+from hand_recon.schema import REFERENCE_SIZE, HandBatch, HandEstimate, HandPrediction
 from photos.sets import PhotoSet
 
 BATCH = 128
@@ -35,77 +30,67 @@ WAYS: Final = ("pixels", "pixels + fit", "both", "both + fit", "both + fit, one 
 
 @dataclass(frozen=True)
 class Refinement:
-    """The second-order fit that starts from a network's hand."""
+    """The fit of `predict` beside a checkpoint, which starts from a network's hand."""
 
-    objective: Objective
-    descent: Descent
+    config: DictConfig
+    hand: HandModel
 
     @classmethod
     def of(cls, regressor: Regressor, overrides: tuple[str, ...] = ()) -> "Refinement":
         """The default fit, or another configuration of it, for a network's hand."""
-        config: DictConfig = adapted_to_data(
-            composed(
-                "predict",
-                # Any name: the network is here.
-                [f"landmark_set={regressor.hand.landmark_set}", "ckpt=network", *overrides],
-            )
-        )
-        return cls(build_objective(config, regressor.hand), instantiate(config.descent))
+        # Any checkpoint: the network is here.
+        words = [f"landmark_set={regressor.hand.landmark_set}", "ckpt=network", *overrides]
+        return cls(adapted_to_data(composed("predict", words)), regressor.hand)
 
-    def __call__(self, batch: HandBatch, seen: HandPrediction, pose: Tensor) -> HandPrediction:
+    def __call__(
+        self, batch: HandBatch, seen: HandPrediction, pose: Tensor, *, one_person: bool = False
+    ) -> HandPrediction:
         """Fit hands to the landmarks of a batch, from a prediction.
 
         Args:
             batch: Landmarks to fit, with their σ as `label_noise`, pixels of the crop.
             seen: The network's hands in the same crops.
             pose: Joint angles that the network sees in pixels alone, radians.
+            one_person: Whether the hands are one person's and share a shape (decision 69).
+
+        Returns:
+            Hands in pixels of the crops, with the network's σ.
         """
-        observation = self._observation(batch, seen, pose)
-        found = self._fitted(observation, Start.one_each(seen.parameters))
-        return _in_crops(found.prediction, batch, seen)
-
-    def of_person(
-        self, batch: HandBatch, seen: HandPrediction, pose: Tensor, found: HandPrediction
-    ) -> HandPrediction:
-        """Fit hands of one person, which share a shape (decision 69).
-
-        Args:
-            batch: As for a fit of any hands.
-            seen: As there.
-            pose: As there.
-            found: The hands, each fitted alone.
-        """
-        observation = self._observation(batch, seen, pose)
-        objective = self.objective
-        last = replace(
-            objective, data_term=last_stage(objective.data_term, observation, self.descent)
-        )
-        shape = shared_shape(observation, found.parameters, last)
-        hand = objective.hand.of_shape(shape)
-        of_person = replace(self, objective=replace(objective, hand=hand))
-        start = estimated_start(observation, hand.landmarks_only())
-        fitted = with_shape(of_person._fitted(observation, start), shape, objective.prior)
-        return _in_crops(fitted.prediction, batch, seen)
-
-    def _observation(self, batch: HandBatch, seen: HandPrediction, pose: Tensor) -> Observation:
-        scale = REFERENCE_SIZE / batch.crop_size
-        default = default_intrinsics(int(REFERENCE_SIZE), batch.landmarks_2d)
-        cameras = default.expand(len(batch), 3, 3)
-        if batch.intrinsics is not None:
-            cameras = batch.intrinsics * torch.tensor([scale, scale, 1.0])[:, None]
-        sigma = None if batch.label_noise is None else batch.label_noise * scale
-        estimate = HandEstimate(seen.parameters, seen.log_sigma, pose)
-        return Observation(batch.landmarks_2d * scale, batch.labelled, cameras, sigma, estimate)
-
-    def _fitted(self, observation: Observation, start: Start) -> Fitted:
-        descent = replace(self.descent, starts=0, hands_at_once=len(observation))
-        return descend(observation, self.objective, descent=descent, further=lambda _: start)
+        hands = _to_fit(batch, HandEstimate(seen.parameters, seen.log_sigma, pose))
+        fitter = build_fitter(self.config, self.hand)
+        if one_person:
+            every = max(1, -(-len(hands) // MOST))
+            fitter = one_person_fitter(
+                fitter,
+                partial(build_fitter, self.config),
+                build_objective(self.config, self.hand),
+                instantiate(self.config.descent),
+                hands.select(slice(None, None, every)),
+            )
+        parts = [fitter(hands.select(part)).prediction for part in _parts(hands)]
+        found = HandPrediction.join(parts)
+        scale = batch.crop_size / REFERENCE_SIZE
+        return replace(found, landmarks_2d=found.landmarks_2d * scale, log_sigma=seen.log_sigma)
 
 
-def _in_crops(found: HandPrediction, batch: HandBatch, seen: HandPrediction) -> HandPrediction:
-    """Fitted hands in pixels of the crops, with the network's σ."""
-    scale = batch.crop_size / REFERENCE_SIZE
-    return replace(found, landmarks_2d=found.landmarks_2d * scale, log_sigma=seen.log_sigma)
+def _to_fit(batch: HandBatch, estimate: HandEstimate) -> HandBatch:
+    """Landmarks of crops in crops of 224 pixels without images, with a network's estimates."""
+    scale = REFERENCE_SIZE / batch.crop_size
+    cameras = batch.intrinsics
+    return replace(
+        batch,
+        image=torch.empty(len(batch), 3, 0, 0, dtype=torch.uint8),
+        landmarks_2d=batch.landmarks_2d * scale,
+        intrinsics=None
+        if cameras is None
+        else cameras * torch.tensor([scale, scale, 1.0])[:, None],
+        label_noise=None if batch.label_noise is None else batch.label_noise * scale,
+        estimate=estimate,
+    )
+
+
+def _parts(batch: HandBatch) -> list[slice]:
+    return [slice(first, first + BATCH) for first in range(0, len(batch), BATCH)]
 
 
 @torch.no_grad()
@@ -115,11 +100,8 @@ def look(regressor: Regressor, batch: HandBatch, *, with_landmarks: bool) -> Han
     if isinstance(encoder, PhotoEncoder):
         encoder.gives_landmarks = with_landmarks
     regressor.use_intrinsics = batch.intrinsics is not None
-    parts = []
-    for first in range(0, len(batch), BATCH):
-        part = batch.select(slice(first, first + BATCH))
-        parts.append(regressor.eval()(to_float(part)))
-    return HandPrediction.join(parts)
+    regressor.eval()
+    return HandPrediction.join([regressor(to_float(batch.select(part))) for part in _parts(batch)])
 
 
 def refined(
@@ -153,12 +135,7 @@ def refined(
     pose = in_pixels.parameters.joint_angles
     if with_landmarks:
         pose = believed(pose, in_pixels.found_2d, batch.landmarks_2d, batch.crop_size)
-    parts = []
-    for first in range(0, len(batch), BATCH):
-        rows = slice(first, first + BATCH)
-        parts.append(refinement(target.select(rows), seen.select(rows), pose[rows]))
-    found = HandPrediction.join(parts)
-    return refinement.of_person(target, seen, pose, found) if one_person else found
+    return refinement(target, seen, pose, one_person=one_person)
 
 
 def methods(
