@@ -1,0 +1,1 @@
+"""Hands over time: identity, choice of minima, smoothing, and the resulting motion."""
