@@ -15,6 +15,7 @@ from hand_recon.camera import project, six_d_to_rotation
 from hand_recon.fitting.adam import Adam
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
+from hand_recon.fitting.second_order.minima import Minima
 from hand_recon.fitting.second_order.prior_terms import without_second_derivatives
 from hand_recon.fitting.second_order.solver import SecondOrder
 from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
@@ -140,6 +141,41 @@ def fit(
         pieces.append(fit_piece(piece, palms, None if further is None else further(piece)))
     loss = {name: torch.cat([piece.loss[name] for piece in pieces]) for name in pieces[0].loss}
     return Fitted(HandPrediction.join([piece.prediction for piece in pieces]), loss)
+
+
+def fit_minima(
+    observation: Observation,
+    objective: Objective,
+    *,
+    descent: Descent,
+    further: Callable[[Observation], Start] | None = None,
+) -> Minima:
+    """Fit every hand from several starts, and keep all results that differ.
+
+    Args:
+        observation: The landmarks, of one hand or more.
+        objective: The loss to minimize.
+        descent: Settings of the optimizer.
+        further: Function that makes more starts per hand.
+
+    Raises:
+        ValueError: The second-order solver cannot minimize this loss.
+    """
+    missing = _without_derivatives(objective)
+    if missing:
+        raise ValueError(
+            "Several minima need the second-order solver, which has no derivatives of "
+            f"{' and '.join(missing)}. Use prior=natural and hand=open, or fit every hand alone."
+        )
+    last = last_stage(objective.data_term, observation, descent)
+    solver = SecondOrder.of(replace(objective, data_term=last), finger_table=descent.finger_table)
+    size = max(1, descent.hands_at_once // max(descent.starts, 1))
+    parts = []
+    for first in range(0, len(observation), size):
+        piece = observation[first : first + size]
+        palms = _closed_form(piece, objective.hand, descent.starts) if descent.starts else None
+        parts.append(solver.minima(piece, palms, None if further is None else further(piece)))
+    return Minima.join(parts)
 
 
 def with_possible_solver(descent: Descent, objective: Objective) -> Descent:

@@ -80,7 +80,7 @@ def mixed_covariance(
         [best.covariance[:, None], others.covariance.view(hands, count, 21, 3, 3)], dim=1
     )
     mass = torch.cat([best.log_mass[:, None], others.log_mass.view(hands, count)], dim=1)
-    mass = mass.masked_fill(_repeated(points, mass), -torch.inf)
+    mass = mass.masked_fill(repeated(points, mass), -torch.inf)
     weight = torch.softmax(mass.nan_to_num(-torch.inf), dim=1)[..., None, None, None]
     away = (points - best.points[:, None])[..., None]
     mixed = (weight * (within + away @ away.mT)).sum(dim=1)
@@ -88,10 +88,15 @@ def mixed_covariance(
     return SCALE**2 * mixed + own
 
 
-def _repeated(
+def repeated(
     points: Float[Tensor, "hand result landmark=21 3"], mass: Float[Tensor, "hand result"]
 ) -> Bool[Tensor, "hand result"]:
-    """Mask of the results that are the same minimum as an earlier one; the best one is the first."""
+    """Mask of the results that are the same minimum as an earlier one; the best one is the first.
+
+    Args:
+        points: Landmarks of each result, metres.
+        mass: Number of each result that is finite if its loss is.
+    """
     count = points.shape[1]
     apart = (points[:, :, None] - points[:, None]).norm(dim=-1).amax(dim=-1)
     earlier = torch.ones(count, count, dtype=torch.bool).tril(diagonal=-1)

@@ -4,20 +4,25 @@ from dataclasses import dataclass, replace
 from typing import Final, Self, cast
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
-from hand_recon.fitting.second_order.landmark_covariance import Minimum, mixed_covariance
+from hand_recon.fitting.second_order.landmark_covariance import (
+    Minimum,
+    mixed_covariance,
+    repeated,
+)
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import (
     Limits,
     Reached,
     minimize,
 )
+from hand_recon.fitting.second_order.minima import Minima
 from hand_recon.fitting.second_order.penetration import PenetrationTerm, WholeProblem
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
@@ -92,22 +97,62 @@ class SecondOrder:
             palms: Placements of the palm, batch × start, with poses; the table replaces the fingers' ones.
             further: Starts that are taken as they are, batch × start.
         """
-        prior, data_term = self.objective.prior, self.objective.data_term
-        terms = PriorTerms(prior, centred=True)
-        centred = Problem.of(
-            self.free, terms, data_term, observation, self.objective.seen_pose_term
-        )
+        centred, plain = self._problems(observation)
         several = self._selected(centred, self._starts(centred, palms, further))
         best = self._advanced(centred, several, FINAL)
         best = best[_least(best.model.value, len(observation), 1)]
-        plain = replace(centred, projection=self.projection, terms=PriorTerms(prior))
         last = minimize(plain, Reached.at(plain, best.unknowns), LAST)
         found = self.objective(last.unknowns.parameters(plain.inverse), observation)
-        found = self._apart(plain, last.unknowns, found)
-        if not (is_likelihood(data_term) and centred.terms.bounds_pose):
+        found, _ = self._apart(plain, last.unknowns, found)
+        if not (is_likelihood(self.objective.data_term) and centred.terms.bounds_pose):
             return found
         covariance = self._covariance(centred, last, several)
         return replace(found, prediction=replace(found.prediction, covariance_3d=covariance))
+
+    @torch.no_grad()
+    def minima(
+        self, observation: Observation, palms: Start | None, further: Start | None
+    ) -> Minima:
+        """Fit every hand of a batch from several starts, and keep all results that differ.
+
+        Args:
+            observation: The landmarks.
+            palms: Placements of the palm, as for the call.
+            further: Starts, as for the call.
+
+        Returns:
+            Minima of each hand, the one of least loss first.
+        """
+        centred, plain = self._problems(observation)
+        hands = len(observation)
+        several = self._selected(centred, self._starts(centred, palms, further))
+        count = len(several.damping) // max(hands, 1)
+        rows = _rows(hands, hands * count)
+        of_each, plainly = centred[rows], plain[rows]
+        several = minimize(of_each, several, Limits(FINAL.steps))
+        several = several[_least(several.model.value, hands, count, in_order=False)]
+        # Most starts end in the same minimum, and one of these stands for all.
+        distinct = (~_again(of_each, several, hands)).flatten().nonzero()[:, 0]
+        problem = plainly[distinct]
+        last = minimize(problem, Reached.at(problem, several.unknowns[distinct]), LAST).unknowns
+        found = self.objective(last.parameters(problem.inverse), problem.observation)
+        _, last = self._apart(problem, last, found)
+        several = several.put(distinct, Reached.at(of_each[distinct], last))
+        again = _again(of_each, several, hands)
+        again.view(-1)[_others(distinct, hands * count)] = True
+        return Minima.of(of_each, several, again)
+
+    def _problems(self, observation: Observation) -> tuple[Problem, Problem]:
+        """The loss with every angle drawn to the middle of its range, and the loss itself."""
+        prior = self.objective.prior
+        centred = Problem.of(
+            self.free,
+            PriorTerms(prior, centred=True),
+            self.objective.data_term,
+            observation,
+            self.objective.seen_pose_term,
+        )
+        return centred, replace(centred, projection=self.projection, terms=PriorTerms(prior))
 
     def _covariance(
         self, problem: Problem, best: Reached, several: Reached
@@ -169,20 +214,23 @@ class SecondOrder:
         order = torch.cat([_rows(hands, len(here.damping)), _rows(hands, len(more))])
         return both[order.argsort(stable=True)]
 
-    def _apart(self, problem: Problem, unknowns: Unknowns, found: Fitted) -> Fitted:
+    def _apart(
+        self, problem: Problem, unknowns: Unknowns, found: Fitted
+    ) -> tuple[Fitted, Unknowns]:
         """Move parts of hands out of each other, if the prior has a term for that."""
         terms = self.objective.prior.terms
         names = [name for name, term in terms.items() if isinstance(term, NonPenetrationTerm)]
         if not names or names[0] not in found.loss:
-            return found
+            return found, unknowns
         hit = (found.loss[names[0]] > 0).nonzero()[:, 0]
         if not len(hit):
-            return found
+            return found, unknowns
         term = PenetrationTerm(self.objective.hand, cast("NonPenetrationTerm", terms[names[0]]))
         whole = WholeProblem(problem[hit], term)
         freed = minimize(whole, Reached.at(whole, unknowns[hit]), APART).unknowns
         some = problem[hit]
-        return found.put(hit, self.objective(freed.parameters(some.inverse), some.observation))
+        fitted = self.objective(freed.parameters(some.inverse), some.observation)
+        return found.put(hit, fitted), unknowns.put(hit, freed)
 
 
 def _rows(hands: int, starts: int) -> Int[Tensor, " start"]:
@@ -190,15 +238,34 @@ def _rows(hands: int, starts: int) -> Int[Tensor, " start"]:
     return torch.arange(hands).repeat_interleave(starts // max(hands, 1))
 
 
-def _least(value: Float[Tensor, " start"], hands: int, count: int) -> Int[Tensor, " kept"]:
+def _again(problem: Problem, here: Reached, hands: int) -> Bool[Tensor, "hand start"]:
+    """Mask of the results that are the same minimum as an earlier one of their hand."""
+    at = problem.projection(here.unknowns, problem.observation.intrinsics, problem.inverse)
+    points = at.points.permute(2, 1, 0).unflatten(0, (hands, -1))
+    return repeated(points, here.model.value.view(hands, -1))
+
+
+def _others(some: Tensor, count: int) -> Int[Tensor, " other"]:
+    """The indices below a number that are not among some."""
+    mask = torch.ones(count, dtype=torch.bool)
+    mask[some] = False
+    return mask.nonzero()[:, 0]
+
+
+def _least(
+    value: Float[Tensor, " start"], hands: int, count: int, *, in_order: bool = True
+) -> Int[Tensor, " kept"]:
     """Indices of the starts of least loss of each hand, in the order of the hands.
 
     Args:
         value: Loss of every start; those of a hand are behind each other.
         hands: Number of hands.
         count: Starts to keep per hand, if there are so many.
+        in_order: Whether the starts of a hand keep their order; otherwise the least loss is first.
     """
     each = len(value) // max(hands, 1)
     by_hand = value.nan_to_num(torch.inf).view(hands, each)
-    kept = by_hand.argsort(dim=1, stable=True)[:, :count].sort(dim=1).values
+    kept = by_hand.argsort(dim=1, stable=True)[:, :count]
+    if in_order:
+        kept = kept.sort(dim=1).values
     return (kept + each * torch.arange(hands)[:, None]).flatten()
