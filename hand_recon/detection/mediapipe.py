@@ -1,7 +1,5 @@
 """MediaPipe's hand detection: palms in the whole image, then the landmarks of each hand."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -10,55 +8,16 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hand_recon.detection.detector import Detections
-from hand_recon.detection.hands import HandReading, LandmarkNetwork, is_false_twin, is_repeated
+from hand_recon.detection.hands import LandmarkNetwork
 from hand_recon.detection.landmark_noise import LandmarkNoise
+from hand_recon.detection.looks import Look
 from hand_recon.detection.model_download import model_loader
 from hand_recon.detection.models import LANDMARKS, PALMS
 from hand_recon.detection.palms import Palm, PalmNetwork, best_of_overlapping
-from hand_recon.detection.thresholds import Thresholds, check_share, to_hand
+from hand_recon.detection.thresholds import Thresholds, check_share
 
 AUTO_PADDING: Final = 1.7
 """The second padding of `padding=auto`, in longer sides of the image (decision 55)."""
-
-
-@dataclass
-class _Look:
-    """Hands found so far in one look at an image."""
-
-    thresholds: Thresholds
-    readings: list[HandReading] = field(default_factory=list)
-    palms: list[Palm] = field(default_factory=list)
-    dropped: list[str] = field(default_factory=list)
-
-    def add(self, palm: Palm, reading: HandReading) -> None:
-        """Take a reading as a hand, or say why not."""
-        objection = self.thresholds.objection(reading)
-        if objection is None and is_repeated(reading, self.readings):
-            x, y = palm.box.reshape(2, 2).mean(axis=0)
-            objection = f"a palm at ({x:.0f}, {y:.0f}) is of a hand that was found already"
-        if objection is None:
-            self.readings.append(reading)
-            self.palms.append(palm)
-        else:
-            self.dropped.append(objection)
-
-    def detections(self, complete: Callable[[HandReading], HandReading]) -> Detections:
-        """The hands, without second readings of the same hand.
-
-        Args:
-            complete: Function that adds σ to a reading.
-        """
-        hands = []
-        for reading, palm in zip(self.readings, self.palms, strict=True):
-            if any(is_false_twin(reading, other) for other in self.readings):
-                x, y = reading.landmarks_2d.mean(axis=0)
-                self.dropped.append(
-                    f"a hand of presence {reading.presence:.2f} at ({x:.0f}, {y:.0f}) lies over one of "
-                    "higher presence and is taken for the same"
-                )
-            else:
-                hands.append(to_hand(complete(reading), palm.score))
-        return Detections(tuple(hands), tuple(self.dropped))
 
 
 class MediaPipeDetector:
@@ -121,17 +80,21 @@ class MediaPipeDetector:
             ModuleNotFoundError: LiteRT is not installed.
             ModelsError: The models cannot be had.
         """
-        look = _Look(self.thresholds)
-        for palm in self._palms(image):
-            doubt = self._doubt(palm, len(look.readings))
+        look = Look(self.thresholds)
+        for palm in self.palms(image):
+            doubt = self.doubt(palm, len(look.readings))
             if doubt is None:
-                look.add(palm, self.read_hand(image, palm.region))
+                look.add(self.read_hand(image, palm.region), palm)
             else:
                 look.dropped.append(doubt)
         return look.detections(partial(self.noise, self.read_hand, image))
 
-    def _palms(self, image: UInt8[np.ndarray, "height width 3"]) -> list[Palm]:
-        """Palms of every padding, the best first; of those that overlap, the best."""
+    def palms(self, image: UInt8[np.ndarray, "height width 3"]) -> list[Palm]:
+        """Palms of every padding, the best first; of those that overlap, the best.
+
+        Args:
+            image: RGB, bytes.
+        """
         palms = [
             palm
             for padding in self.paddings
@@ -140,8 +103,13 @@ class MediaPipeDetector:
         # One padding's palms overlap with each other only where suppression left them.
         return palms if len(self.paddings) == 1 else best_of_overlapping(palms)
 
-    def _doubt(self, palm: Palm, found: int) -> str | None:
-        """The sentence about a palm that is not looked at more closely; none if it is."""
+    def doubt(self, palm: Palm, found: int) -> str | None:
+        """The sentence about a palm that is not looked at more closely; none if it is.
+
+        Args:
+            palm: The palm.
+            found: Number of hands that were found already.
+        """
         subject = f"a palm of score {palm.score:.2f}"
         if palm.score < self.min_palm_score:
             return f"{subject} is below detector.min_palm_score={self.min_palm_score:g}"
