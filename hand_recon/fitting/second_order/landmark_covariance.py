@@ -89,16 +89,19 @@ def mixed_covariance(
 
 
 def repeated(
-    points: Float[Tensor, "hand result landmark=21 3"], mass: Float[Tensor, "hand result"]
+    points: Float[Tensor, "hand result landmark=21 3"],
+    mass: Float[Tensor, "hand result"],
+    near: float = ALIKE,
 ) -> Bool[Tensor, "hand result"]:
     """Mask of the results that are the same minimum as an earlier one; the best one is the first.
 
     Args:
         points: Landmarks of each result, metres.
         mass: Number of each result that is finite if its loss is.
+        near: Largest distance of a landmark within which two results are the same, metres.
     """
     count = points.shape[1]
     apart = (points[:, :, None] - points[:, None]).norm(dim=-1).amax(dim=-1)
     earlier = torch.ones(count, count, dtype=torch.bool).tril(diagonal=-1)
     # A result without a finite loss hides no other.
-    return ((apart < ALIKE) & earlier & mass.isfinite()[:, None]).any(dim=2)
+    return ((apart < near) & earlier & mass.isfinite()[:, None]).any(dim=2)

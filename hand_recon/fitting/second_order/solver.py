@@ -12,6 +12,7 @@ from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
 from hand_recon.fitting.second_order.landmark_covariance import (
+    ALIKE,
     Minimum,
     mixed_covariance,
     repeated,
@@ -48,6 +49,9 @@ ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
 
 FINAL: Final = Round(2, 3)
 """Selection of one start among them."""
+
+UNLIKE: Final = 0.015
+"""Distance of a landmark from which on two starts differ, before they have ended, metres."""
 
 LAST: Final = Limits(iterations=25, tolerance=1e-5)
 """Steps of the best start on the loss itself."""
@@ -125,7 +129,7 @@ class SecondOrder:
         """
         centred, plain = self._problems(observation)
         hands = len(observation)
-        several = self._selected(centred, self._starts(centred, palms, further))
+        several = self._selected(centred, self._starts(centred, palms, further), different=True)
         count = len(several.damping) // max(hands, 1)
         rows = _rows(hands, hands * count)
         of_each, plainly = centred[rows], plain[rows]
@@ -186,11 +190,13 @@ class SecondOrder:
             found.append(Unknowns.of_start(further.flat(), several.observation.intrinsics))
         return Unknowns.beside(found, hands)
 
-    def _selected(self, problem: Problem, start: Unknowns) -> Reached:
-        """The best starts of each hand after the rounds, behind each other."""
+    def _selected(self, problem: Problem, start: Unknowns, *, different: bool = False) -> Reached:
+        """The best starts of each hand after the rounds, or the best that differ, behind each other."""
         hands = len(problem.target)
         here = Reached.at(problem[_rows(hands, len(start))], start)
         for of_round in ROUNDS:
+            if different:
+                here = here[_different(problem, here, of_round.starts)]
             here = self._advanced(problem, here, of_round)
             if of_round.look_up and self.fingers is not None:
                 here = self._looked_up(problem, here, self.fingers)
@@ -238,11 +244,23 @@ def _rows(hands: int, starts: int) -> Int[Tensor, " start"]:
     return torch.arange(hands).repeat_interleave(starts // max(hands, 1))
 
 
-def _again(problem: Problem, here: Reached, hands: int) -> Bool[Tensor, "hand start"]:
-    """Mask of the results that are the same minimum as an earlier one of their hand."""
+def _again(
+    problem: Problem, here: Reached, hands: int, near: float = ALIKE
+) -> Bool[Tensor, "hand start"]:
+    """Mask of the results that are as near an earlier one of their hand as if they were the same minimum."""
     at = problem.projection(here.unknowns, problem.observation.intrinsics, problem.inverse)
     points = at.points.permute(2, 1, 0).unflatten(0, (hands, -1))
-    return repeated(points, here.model.value.view(hands, -1))
+    return repeated(points, here.model.value.view(hands, -1), near)
+
+
+def _different(problem: Problem, here: Reached, count: int) -> Int[Tensor, " kept"]:
+    """Indices of the best starts of each hand that differ, filled up with the best of the others."""
+    hands = len(problem.target)
+    each = len(here.damping) // max(hands, 1)
+    order = _least(here.model.value, hands, each, in_order=False)
+    again = _again(problem[_rows(hands, hands * each)], here[order], hands, UNLIKE)
+    first = again.int().argsort(dim=1, stable=True)[:, :count]
+    return order.view(hands, each).gather(1, first).sort(dim=1).values.flatten()
 
 
 def _others(some: Tensor, count: int) -> Int[Tensor, " other"]:
