@@ -95,3 +95,44 @@ def detected(
 ) -> DetectedHand:
     """A detection of a hand."""
     return DetectedHand(landmarks, side, score, side_score)
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Two hands that cross from left to right and from right to left, for tests of identity."""
+
+    frames: int = 60
+    """Number of frames at 25 per second, in which each hand goes 600 px."""
+    offset: float = 25.0
+    """Height of one path above the other, pixels; a hand is 100 px long."""
+    sides: tuple[Side, Side] = ("left", "right")
+    """Sides of the hand that starts on the left and of the other."""
+    hidden: int = 1
+    """The hand that is not detected while it is nearer to the other than `reach`."""
+    reach: float = 60.0
+    """That distance, pixels."""
+    noise: float = 2.0
+    """Standard deviation of a landmark's coordinates, pixels."""
+    wrong_sides: float = 0.0
+    """Share of detections with the wrong side, at a score of 0.8."""
+    seed: int = 0
+
+    def clip(self) -> list[list[tuple[int, DetectedHand]]]:
+        """The true number (0 or 1) and the detection of each hand that is detected, frame by frame."""
+        rng = np.random.default_rng(self.seed)
+        return [self._frame(share, rng) for share in np.linspace(0, 1, self.frames)]
+
+    def _frame(self, share: float, rng: np.random.Generator) -> list[tuple[int, DetectedHand]]:
+        places = np.array([[100 + 600 * share, 300], [700 - 600 * share, 300 + self.offset]])
+        is_near = float(np.linalg.norm(places[1] - places[0])) < self.reach
+        found = []
+        for hand in (0, 1):
+            landmarks = open_hand(side=self.sides[hand]) + places[hand]
+            landmarks = landmarks + rng.normal(scale=self.noise, size=(21, 2))
+            side: Side = self.sides[hand]
+            is_wrong = rng.random() < self.wrong_sides
+            if is_wrong:
+                side = "right" if side == "left" else "left"
+            if not (is_near and hand == self.hidden):
+                found.append((hand, detected(landmarks, side, 0.8 if is_wrong else 0.95)))
+        return found
