@@ -1,12 +1,15 @@
 """One hand of a file of hands: its keys, and the check of their values."""
 
 import json
+from collections.abc import Iterable
+from dataclasses import fields
 from typing import Any, Final, NoReturn
 
 import numpy as np
 from jaxtyping import Float
 
 from hand_recon.fitting.hand_records import CAMERAS, SHAPES, VERDICTS
+from hand_recon.fitting.origin import Moment
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 
 OPTIONAL: Final = frozenset({"score", "observed_2d", "sigma_2d", "covariance_3d", "residual"})
@@ -18,6 +21,9 @@ KEYS: Final = (
     "residual", "loss", "source", "hand_model", "version",
 )  # fmt: skip
 """Keys of a hand's object, in their order."""
+
+CLIP: Final = "clip"
+"""Key of a hand's place in its clip, which hands of photographs do not have."""
 
 ALSO_WITHOUT_FIT: Final = frozenset({"score", "observed_2d"})
 """Numbers that a hand without a result may have."""
@@ -35,9 +41,10 @@ class HandEntry:
 
     def __init__(self, where: str, entry: object) -> None:
         self.where = where
-        content = self._object(entry, "the hand", KEYS)
+        content = self._object(entry, "the hand", KEYS, {CLIP})
         self.content = content
         self._check_texts(content)
+        self.moment = self._moment(content.get(CLIP))
         self.camera: str | None = None
         self.image_size: tuple[int, int] | None = None
         self.loss: dict[str, float] = {}
@@ -104,11 +111,28 @@ class HandEntry:
         if value not in choices:
             self._refuse(key, value, " or ".join(repr(choice) for choice in choices))
 
-    def _object(self, value: object, what: str, keys: tuple[str, ...]) -> dict[str, Any]:
+    def _moment(self, value: object) -> Moment | None:
+        if value is None:
+            return None
+        clip = self._object(value, f"'{CLIP}'", tuple(field.name for field in fields(Moment)))
+        hand, frame = (self._numbers(key, clip[key], ()) for key in ("hand", "frame"))
+        if hand % 1 or frame % 1 or hand < 1 or frame < 0:
+            self._refuse(
+                "hand or frame", [clip["hand"], clip["frame"]], "whole numbers from 1 and 0"
+            )
+        time = float(self._numbers("time", clip["time"], ()))
+        if not isinstance(clip["seen"], bool):
+            self._refuse("seen", clip["seen"], "true or false")
+        return Moment(int(hand), int(frame), time, clip["seen"])
+
+    def _object(
+        self, value: object, what: str, keys: tuple[str, ...], also: Iterable[str] = ()
+    ) -> dict[str, Any]:
         if not isinstance(value, dict):
             self._refuse(what, value, f"an object with the keys {', '.join(keys)}")
         missing = "".join(f" without {key}" for key in keys if key not in value)
-        unknown = "".join(f" with the unknown key {key}" for key in value if key not in keys)
+        allowed = {*keys, *also}
+        unknown = "".join(f" with the unknown key {key}" for key in value if key not in allowed)
         if missing or unknown:
             self._refuse(what, f"an object{missing}{unknown}", f"the keys {', '.join(keys)}")
         return value

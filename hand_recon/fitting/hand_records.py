@@ -7,6 +7,8 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hand_recon.fitting.origin import Moment
+
 VERDICTS: Final = ("plausible", "doubtful", "not fitted")
 """Verdicts on a hand, best first."""
 
@@ -81,6 +83,8 @@ class HandRecords:
     """Hand model that angles and shape belong to, `open` or `mano`."""
     versions: tuple[str, ...]
     """Version of hand_recon that made each hand."""
+    moments: tuple[Moment | None, ...]
+    """Place of each hand in its clip; None for photographs and for landmarks alone."""
 
     def __len__(self) -> int:
         return len(self.names)

@@ -22,6 +22,8 @@ An object has these keys, in this order; `hands.schema.json` beside this module 
     loss                 value of every term of the loss by name, null where it is not finite
     source               steps that made the hand, such as `mediapipe, fit`
     hand_model, version  `open` or `mano`; the version of hand_recon
+    clip                 of hands of a clip alone: hand (number, from 1), frame (from 0), time (seconds), and
+                         seen, which is false where a gap was bridged
 
 Numbers are rounded to `DECIMALS`.
 """
@@ -31,13 +33,15 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TextIO
 
 import numpy as np
 
-from hand_recon.fitting.hand_entry import ALSO_WITHOUT_FIT, KEYS, OPTIONAL, HandEntry
+from hand_recon.fitting.hand_entry import ALSO_WITHOUT_FIT, CLIP, KEYS, OPTIONAL, HandEntry
 from hand_recon.fitting.hand_records import SHAPES, HandRecords
+from hand_recon.fitting.origin import Moment
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 
 DECIMALS: Final[Mapping[str, int]] = {
@@ -54,6 +58,7 @@ DECIMALS: Final[Mapping[str, int]] = {
     "intrinsics": 6,
     "residual": 4,
     "loss": 6,
+    "time": 6,
 }
 """Decimals that are written of each number."""
 
@@ -88,7 +93,14 @@ def hand_entries(hands: HandRecords) -> Iterator[dict[str, Any]]:
             "hand_model": hands.hand_models[hand],
             "version": hands.versions[hand],
         }
-        yield {key: entry[key] for key in KEYS}
+        moment = hands.moments[hand]
+        of_clip = {} if moment is None else {CLIP: _clip(moment)}
+        yield {key: entry[key] for key in KEYS} | of_clip
+
+
+def _clip(moment: Moment) -> dict[str, Any]:
+    """Place of a hand in its clip."""
+    return asdict(moment) | {"time": round(moment.time, DECIMALS["time"])}
 
 
 def _by_name(angles: list[list[float]]) -> dict[str, dict[str, float]]:
@@ -269,6 +281,7 @@ def _joined(entries: list[HandEntry]) -> HandRecords:
         sources=column("source"),
         hand_models=column("hand_model"),
         versions=column("version"),
+        moments=tuple(entry.moment for entry in entries),
         loss={
             term: np.array([entry.loss.get(term, math.nan) for entry in entries]) for term in terms
         },

@@ -4,6 +4,20 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
+class Moment:
+    """Place of a hand in a clip."""
+
+    hand: int
+    """Number of the hand, from 1: the same in all frames."""
+    frame: int
+    """Number of the frame, from 0."""
+    time: float
+    """Time since the first frame, seconds."""
+    seen: bool = True
+    """True if the hand was found in this frame; false if a gap between others was bridged."""
+
+
+@dataclass(frozen=True)
 class Origin:
     """Entries of a hand in a file of hands besides the result of the fit."""
 
@@ -19,3 +33,5 @@ class Origin:
     """Steps that made the hand."""
     hand_model: str = "open"
     """Hand model that was fitted, `open` or `mano`."""
+    moment: Moment | None = None
+    """Place in a clip; None for photographs and for landmarks alone."""

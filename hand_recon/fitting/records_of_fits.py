@@ -56,4 +56,5 @@ def to_records(hands: FittedHands) -> HandRecords:
         sources=tuple(origin.source for origin in origins),
         hand_models=tuple(origin.hand_model for origin in origins),
         versions=(__version__,) * len(hands),
+        moments=tuple(origin.moment for origin in origins),
     )

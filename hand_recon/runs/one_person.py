@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
@@ -52,10 +53,9 @@ def one_person_fitter(
     """
     if len(hands) < 2:
         return fitter
-    found = _fitted(fitter, hands)
-    seen = observed(hands, sigma_at_half_confidence)
-    last = replace(objective, data_term=last_stage(objective.data_term, seen, descent))
-    shape = shared_shape(seen, found, last)
+    shape = shape_of_person(
+        fitter, objective, descent, hands, sigma_at_half_confidence=sigma_at_half_confidence
+    )
     logger.info(
         "The hands are taken for one person's and share a shape, %.1f standard deviations from the mean, "
         "estimated from %d of them.", float(shape.norm()), len(hands),
@@ -66,6 +66,25 @@ def one_person_fitter(
         return with_shape(of_person(part), shape, objective.prior)
 
     return run
+
+
+def shape_of_person(
+    fitter: Fitter,
+    objective: Objective,
+    descent: Descent,
+    hands: HandBatch,
+    *,
+    sigma_at_half_confidence: float = SIGMA_AT_HALF_CONFIDENCE,
+) -> Float[Tensor, " direction=10"]:
+    """Estimate the one shape of some hands, standard deviations; arguments as of `one_person_fitter`.
+
+    Raises:
+        ValueError: The hands are not fitted, but a lifter's predictions.
+    """
+    found = _fitted(fitter, hands)
+    seen = observed(hands, sigma_at_half_confidence)
+    last = replace(objective, data_term=last_stage(objective.data_term, seen, descent))
+    return shared_shape(seen, found, last)
 
 
 def hands_of_person(landmarks: ImageLandmarks) -> HandBatch:
@@ -86,9 +105,4 @@ def _fitted(fitter: Fitter, batch: HandBatch) -> HandParameters:
                 "descent.steps=300, or leave same_person out."
             )
         parts.append(found.prediction.parameters)
-    return HandParameters(
-        torch.cat([part.joint_angles for part in parts]),
-        torch.cat([part.shape for part in parts]),
-        torch.cat([part.root_rotation for part in parts]),
-        torch.cat([part.translation for part in parts]),
-    )
+    return HandParameters.join(parts)

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hand_recon.fitting.hand_entry import KEYS
+from hand_recon.fitting.hand_entry import CLIP, KEYS
 from hand_recon.fitting.hand_records import CAMERAS, SHAPES, HandRecords, joined_records
 from hand_recon.fitting.hands_file import (
     DECIMALS,
@@ -25,10 +25,19 @@ from hand_recon.fitting.hands_file import (
     read_hands,
     writing_hands,
 )
+from hand_recon.fitting.origin import Moment
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 from tests.support.fitted_hands import fitted
+
+MOMENTS = st.builds(
+    Moment,
+    hand=st.integers(1, 9),
+    frame=st.integers(0, 10**7),
+    time=st.floats(0, 1e5).map(lambda seconds: round(seconds, 6)),
+    seen=st.booleans(),
+)
 
 SCHEMA = json.loads((files("hand_recon.fitting") / "hands.schema.json").read_text(encoding="utf-8"))
 
@@ -82,6 +91,7 @@ def fields_of_hands(draw: st.DrawFn) -> dict[str, Any]:
         sources=texts(st.text(max_size=9)),
         hand_models=texts(st.sampled_from(["open", "mano"])),
         versions=texts(st.text(max_size=5)),
+        moments=tuple(draw(st.none() | MOMENTS) for _ in range(count)),
         loss=loss if present.any() else {},
         **numbers,
     )
@@ -169,7 +179,7 @@ def test_plain_json_holds_the_hands_that_were_fitted(hand: HandModel, tmp_path: 
 def test_the_schema_names_the_keys_in_their_order_and_refuses_what_the_reader_refuses(
     hand: HandModel,
 ) -> None:
-    assert list(SCHEMA["$defs"]["hand"]["properties"]) == list(KEYS)
+    assert list(SCHEMA["$defs"]["hand"]["properties"]) == [*KEYS, CLIP]
     good = list(hand_entries(to_records(fitted(hand))))
     jsonschema.validate(good, SCHEMA)
     for key in KEYS:
