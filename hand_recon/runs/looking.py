@@ -155,6 +155,19 @@ def _with_camera(seen: LookedAt, photo: Photo, camera: CameraChoice) -> LookedAt
         sides = [np.ptp(hand.landmarks_2d, axis=0).max() for hand in seen.hands]
         chosen = camera.of_photo(photo.size, photo.focal_px, np.array(sides, dtype=float))
         return replace(seen, camera=chosen.matrix, camera_source=chosen.source)
+    return with_given(seen, camera)
+
+
+def with_given(seen: LookedAt, camera: CameraChoice) -> LookedAt:
+    """Give an image its camera of a file of cameras, whose lens distortion is removed from the landmarks.
+
+    Args:
+        seen: The image, whose number is that of its camera if the file has several.
+        camera: The file's cameras.
+
+    Raises:
+        ValueError: The camera is of another image.
+    """
     if not seen.hands:
         return seen
     landmarks, _ = to_landmarks([replace(seen, camera=np.eye(3))], Origin())

@@ -1,0 +1,1 @@
+"""From a video to hands over time: found, followed, fitted, smoothed, drawn."""
