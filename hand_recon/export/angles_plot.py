@@ -27,7 +27,7 @@ THUMB_ANGLES: Final = (("CMC", "bend"), ("MCP", "bend"), ("IP", "bend"), ("CMC",
 
 _RANGE: Final = "#e0e9e0"
 _DASHES: Final = (0, (2, 1.2))
-_TICKS: Final = 30.0
+_TICKS: Final = {"bend": 30.0, "splay": 15.0}
 _MARGIN: Final = 8.0
 _WIDTH: Final = 12.0
 _ROW: Final = 1.75
@@ -53,7 +53,7 @@ def write_angles_plot(
     """
     check_motions(trajectories)
     stream = io.BytesIO()
-    _figure(trajectories, ranges).savefig(stream, format="png", dpi=110)
+    angles_figure(trajectories, ranges).savefig(stream, format="png", dpi=110)
     return write_new(path, stream.getvalue())
 
 
@@ -68,7 +68,13 @@ def lone_frames(observed: Bool[np.ndarray, " frame"]) -> Bool[np.ndarray, " fram
     return observed & ~around[:-2] & ~around[2:]
 
 
-def _figure(trajectories: Sequence[Trajectory], ranges: RangeOfMotion) -> "Figure":
+def angles_figure(trajectories: Sequence[Trajectory], ranges: RangeOfMotion) -> "Figure":
+    """Draw the figure of `write_angles_plot`.
+
+    Args:
+        trajectories: Hands of one clip.
+        ranges: Ranges of motion, one set for all hands.
+    """
     # Half a second, which commands that draw no plot should not wait for.
     from matplotlib.figure import Figure
     from matplotlib.ticker import MultipleLocator
@@ -88,7 +94,7 @@ def _figure(trajectories: Sequence[Trajectory], ranges: RangeOfMotion) -> "Figur
                 _draw_angle(axes, trajectory, degrees, _darker(colour))
             axes.spines[["top", "right"]].set_visible(False)
             axes.tick_params(labelsize=8)
-            axes.yaxis.set_major_locator(MultipleLocator(_TICKS))
+            axes.yaxis.set_major_locator(MultipleLocator(_TICKS[axis]))
         grid[row, 0].set_ylabel("degrees", fontsize=8)
     end = max(float(trajectory.times[-1]) for trajectory in trajectories)
     # All axes share it. The clip begins at zero, whenever its first hand does.
