@@ -91,25 +91,21 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
     """
     objective = build_objective(config, hand)
     descent = with_possible_solver(instantiate(config.descent), objective)
-    further: Callable[[Observation], Start] | None = None
     of_network = config.get("ckpt") is not None
     if descent.steps == 0 and not names_lifter(config.lifter) and not of_network:
         raise ValueError(
             "Found descent.steps=0, which makes a lifter's prediction the result, and no lifter. Add "
             "lifter=default or a lifter of your own, or leave descent.steps out."
         )
-    if of_network:
-        if descent.steps == 0:
-            return lambda batch: Fitted(estimated_hands(observed(batch), hand), {})
-        further = partial(estimated_start, hand=hand.landmarks_only())
-    elif names_lifter(config.lifter):
+    if descent.steps == 0 and of_network:
+        return lambda batch: Fitted(estimated_hands(observed(batch), hand), {})
+    if descent.steps == 0:
         regressor = load_named(config.lifter, hand)
-        if descent.steps == 0:
-            check_result(regressor, hand, config.lifter)
-            return lambda batch: Fitted(
-                lift(regressor, observed(batch, config.sigma_at_half_confidence), hand), {}
-            )
-        further = starts_of(regressor, hand)
+        check_result(regressor, hand, config.lifter)
+        return lambda batch: Fitted(
+            lift(regressor, observed(batch, config.sigma_at_half_confidence), hand), {}
+        )
+    further = further_starts(config, hand)
 
     def run(batch: HandBatch) -> Fitted:
         return descend(
@@ -120,3 +116,17 @@ def build_fitter(config: DictConfig, hand: HandModel) -> Fitter:
         )
 
     return run
+
+
+def further_starts(config: DictConfig, hand: HandModel) -> Callable[[Observation], Start] | None:
+    """Function that makes one more start per hand: a network's estimate, or a lifter's; None without either.
+
+    Args:
+        config: `conf/fit.yaml` or `conf/predict.yaml` composed.
+        hand: The hand to fit.
+    """
+    if config.get("ckpt") is not None:
+        return partial(estimated_start, hand=hand.landmarks_only())
+    if names_lifter(config.lifter):
+        return starts_of(load_named(config.lifter, hand), hand)
+    return None

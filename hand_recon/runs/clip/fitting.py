@@ -1,0 +1,182 @@
+"""Fits one hand of a clip in every frame, with one shape, keeping several minima (Sec. 3.4)."""
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from hand_recon.command_line.resolvers import register_resolvers
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.data.progress import with_progress
+from hand_recon.fitting.descent import fit_minima
+from hand_recon.fitting.observation import observed
+from hand_recon.fitting.second_order.minima import Minima
+from hand_recon.motion.certainty import certainty_of
+from hand_recon.motion.estimates import FrameEstimates
+from hand_recon.runs.clip.hands_of_clip import HandOfClip
+from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
+from hand_recon.runs.fitters import build_fitter, build_objective, further_starts
+from hand_recon.runs.one_person import hands_of_person, shape_of_person
+from hand_recon.schema import HandBatch
+
+logger = logging.getLogger(__name__)
+
+PIECE: Final = 64
+"""Frames that are fitted together."""
+
+WORTH_A_PROCESS: Final = 4
+"""Pieces per process from which on it pays to start one, which takes some seconds."""
+
+_FIELDS: Final = ("joint_angles", "root_rotation", "place", "certainty", "cost")
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Frames of one hand that are fitted together."""
+
+    path: Path
+    """File of the results."""
+    landmarks: ImageLandmarks
+    """Landmarks of the frames."""
+    shape: Tensor
+    """Shape of the hand, standard deviations."""
+
+
+def fit_clip(
+    config: DictConfig, hands: Sequence[HandOfClip], folder: Path, processes: int
+) -> Iterator[tuple[HandOfClip, Tensor, FrameEstimates]]:
+    """Fit the hands of a clip, or those of their frames that are not in the folder yet.
+
+    Args:
+        config: `conf/predict.yaml` composed and adapted.
+        hands: The hands.
+        folder: Folder of the results of pieces, for a command that goes on after a kill.
+        processes: Processes that fit at once.
+
+    Yields:
+        Each hand with its shape and its minima in every frame, in the order of the hands.
+
+    Raises:
+        ValueError: The prior or the hand model has no second-order fit; or the hand has no usable frame.
+    """
+    shapes = _shapes(config, hands, folder)
+    pieces = [_pieces(hand, shape, folder) for hand, shape in zip(hands, shapes, strict=True)]
+    todo = [piece for of_hand in pieces for piece in of_hand if not piece.path.exists()]
+    run = partial(_fit_to_file, OmegaConf.to_yaml(OmegaConf.create(plain(config))))
+    task = f"Fitting {sum(len(piece.landmarks) for piece in todo)} hands, pieces"
+    with _pool(min(processes, len(todo) // WORTH_A_PROCESS)) as pool:
+        done = map(run, todo) if pool is None else pool.map(run, todo)
+        for _ in with_progress(done, len(todo), task):
+            pass
+    for hand, shape, of_hand in zip(hands, shapes, pieces, strict=True):
+        yield hand, shape, _estimates(hand, of_hand)
+
+
+def _pool(processes: int) -> AbstractContextManager[ProcessPoolExecutor | None]:
+    if processes < 2:
+        return nullcontext()
+    # A fork of a process whose torch has run threads may hang.
+    return ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+
+
+def _shapes(config: DictConfig, hands: Sequence[HandOfClip], folder: Path) -> list[Tensor]:
+    """Shape of each hand: its own, or with `same_person` the one of all of them."""
+    together = [hands] if config.same_person and hands else [[hand] for hand in hands]
+    found = []
+    for some in together:
+        path = folder / f"shape of hand {some[0].track.number}.npy"
+        if not path.exists():
+            batch = HandBatch.join([hands_of_person(hand.landmarks) for hand in some])
+            _write(path, np.asarray(_shape(config, batch)))
+        found += [torch.from_numpy(np.load(path))] * len(some)
+    return found
+
+
+def _shape(config: DictConfig, hands: HandBatch) -> Tensor:
+    """Shape of hands of one person, standard deviations."""
+    hand = build_hand(config)
+    fitter = build_fitter(config, hand)
+    if len(hands) == 1:
+        return fitter(hands).prediction.parameters.shape[0]
+    found = shape_of_person(
+        fitter,
+        build_objective(config, hand),
+        instantiate(config.descent),
+        hands,
+        sigma_at_half_confidence=config.sigma_at_half_confidence,
+    )
+    logger.info(
+        "One shape for a hand of the clip, %.1f standard deviations from the mean, estimated from %d frames.",
+        float(found.norm()), len(hands),
+    )  # fmt: skip
+    return found
+
+
+def _pieces(hand: HandOfClip, shape: Tensor, folder: Path) -> list[_Piece]:
+    pieces = []
+    for first in range(0, len(hand.landmarks), PIECE):
+        rows = torch.arange(first, min(first + PIECE, len(hand.landmarks)))
+        path = folder / f"hand {hand.track.number} from {first}.npz"
+        pieces.append(_Piece(path, hand.landmarks.select(rows), shape))
+    return pieces
+
+
+def _estimates(hand: HandOfClip, pieces: Sequence[_Piece]) -> FrameEstimates:
+    read = [np.load(piece.path) for piece in pieces]
+    columns = {name: np.concatenate([one[name] for one in read]) for name in _FIELDS}
+    return FrameEstimates(frames=hand.track.frames, times=hand.track.times, **columns)
+
+
+def _fit_to_file(config: str, piece: _Piece) -> None:
+    """Fit a piece in any process."""
+    found = _fit_of(config, tuple(piece.shape.tolist()))(to_crops(piece.landmarks).batch)
+    usable = piece.landmarks.usable.numpy()
+    columns: dict[str, np.ndarray] = {
+        "joint_angles": found.parameters.joint_angles.double().numpy(),
+        "root_rotation": found.parameters.root_rotation.double().numpy(),
+        "place": found.place.double().numpy(),
+        "certainty": certainty_of(found.information.double().numpy()),
+        # Frames with too few landmarks have a result, which is that of the prior alone.
+        "cost": np.where(usable[:, None], found.cost.double().numpy(), np.inf),
+    }
+    _write(piece.path, columns)
+
+
+@lru_cache(maxsize=2)
+def _fit_of(text: str, shape: tuple[float, ...]) -> Callable[[HandBatch], Minima]:
+    """The fit of hands of a shape, built once in each process."""
+    register_resolvers()
+    config = cast("DictConfig", OmegaConf.create(text))
+    configure_process(config.threads)
+    hand = build_hand(config).of_shape(torch.tensor(shape))
+    objective, descent = build_objective(config, hand), instantiate(config.descent)
+    further = further_starts(config, hand)
+
+    def fit(batch: HandBatch) -> Minima:
+        seen = observed(batch, config.sigma_at_half_confidence)
+        return fit_minima(seen, objective, descent=descent, further=further)
+
+    return fit
+
+
+def _write(path: Path, content: np.ndarray | dict[str, np.ndarray]) -> None:
+    """Write an array or several; the file has its name only when it is whole."""
+    partial_file = path.with_name(f"{path.name}.part")
+    with partial_file.open("wb") as stream:
+        if isinstance(content, dict):
+            np.savez(stream, **cast("dict[str, Any]", content))
+        else:
+            np.save(stream, content)
+    os.replace(partial_file, path)
