@@ -33,8 +33,8 @@ class FrameEstimates:
     """Rotation from the hand's frame to the camera's."""
     place: Float[np.ndarray, "frame minimum 3"]
     """Origin of the hand's frame: x / z, y / z, and the logarithm of z in metres."""
-    information: Float[np.ndarray, "frame minimum coordinate=51 coordinate=51"]
-    """Inverse covariance of the coordinates about each minimum: the second derivatives of the loss."""
+    certainty: Float[np.ndarray, "frame minimum"]
+    """Certainty of each minimum, one for a typical hand: `certainty_of` its inverse covariance."""
     cost: Float[np.ndarray, "frame minimum"]
     """Negative logarithm of each minimum's share of probability, up to a constant of the frame; infinite
     for a minimum that is absent or repeats another."""
