@@ -41,6 +41,7 @@ import numpy as np
 
 from hand_recon.fitting.hand_entry import ALSO_WITHOUT_FIT, CLIP, KEYS, OPTIONAL, HandEntry
 from hand_recon.fitting.hand_records import SHAPES, HandRecords
+from hand_recon.fitting.hands_lines import SUFFIX, read_lines, refuse_constant
 from hand_recon.fitting.origin import Moment
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 
@@ -220,6 +221,9 @@ def finished_entries(path: Path) -> Iterator[dict[str, Any]]:
 def read_hands(path: str | Path) -> HandRecords:
     """Read a file of hands, and check it against the format.
 
+    Args:
+        path: File with a list (`hands.json`), or with the suffix `.jsonl` and one hand to a line.
+
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: The file is no JSON list of hands, or a hand differs from the format.
@@ -230,8 +234,10 @@ def read_hands(path: str | Path) -> HandRecords:
             f"No file of hands at {path}. Give a file such as the hands.json that hand-recon fit and predict "
             "write."
         )
+    if path.suffix.lower() == SUFFIX:
+        return to_records(read_lines(path), str(path))
     try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise ValueError(
             f"{path} is not JSON ({error}); expected a list of hands. Write the file again."
@@ -287,7 +293,3 @@ def _joined(entries: list[HandEntry]) -> HandRecords:
         },
         **numbers,
     )
-
-
-def _refuse_constant(token: str) -> None:
-    raise ValueError(f"found {token}, which is not a JSON number")

@@ -83,9 +83,22 @@ def mixed_covariance(
     mass = mass.masked_fill(repeated(points, mass), -torch.inf)
     weight = torch.softmax(mass.nan_to_num(-torch.inf), dim=1)[..., None, None, None]
     away = (points - best.points[:, None])[..., None]
-    mixed = (weight * (within + away @ away.mT)).sum(dim=1)
-    own = MODEL_SIGMA**2 * torch.eye(3, dtype=mixed.dtype)
-    return SCALE**2 * mixed + own
+    return _widened((weight * (within + away @ away.mT)).sum(dim=1))
+
+
+def covariance_about(minimum: Minimum) -> Float[Tensor, "hand landmark=21 3 3"]:
+    """Covariance of each landmark about one result, as if there were no other minimum.
+
+    Args:
+        minimum: The result of each hand.
+    """
+    return _widened(minimum.covariance)
+
+
+def _widened(covariance: Tensor) -> Tensor:
+    """Covariance with what Laplace's approximation and the hand model leave out."""
+    own = MODEL_SIGMA**2 * torch.eye(3, dtype=covariance.dtype)
+    return SCALE**2 * covariance + own
 
 
 def repeated(

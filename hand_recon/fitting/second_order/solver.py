@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Self, cast
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.fitting.objective import Fitted, Objective
@@ -12,10 +12,9 @@ from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
 from hand_recon.fitting.second_order.landmark_covariance import (
-    ALIKE,
     Minimum,
+    covariance_about,
     mixed_covariance,
-    repeated,
 )
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.levenberg_marquardt import (
@@ -27,9 +26,17 @@ from hand_recon.fitting.second_order.minima import Minima
 from hand_recon.fitting.second_order.penetration import PenetrationTerm, WholeProblem
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
 from hand_recon.fitting.second_order.projection import LandmarkProjection
+from hand_recon.fitting.second_order.selection import (
+    all_but,
+    is_repeated,
+    least,
+    rows_of,
+    unlike,
+)
 from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.fitting.start import Start
 from hand_recon.knowledge.terms import NonPenetrationTerm
+from hand_recon.schema import HandParameters
 
 
 @dataclass(frozen=True)
@@ -49,9 +56,6 @@ ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
 
 FINAL: Final = Round(2, 3)
 """Selection of one start among them."""
-
-UNLIKE: Final = 0.015
-"""Distance of a landmark from which on two starts differ, before they have ended, metres."""
 
 LAST: Final = Limits(iterations=25, tolerance=1e-5)
 """Steps of the best start on the loss itself."""
@@ -104,7 +108,7 @@ class SecondOrder:
         centred, plain = self._problems(observation)
         several = self._selected(centred, self._starts(centred, palms, further))
         best = self._advanced(centred, several, FINAL)
-        best = best[_least(best.model.value, len(observation), 1)]
+        best = best[least(best.model.value, len(observation), 1)]
         last = minimize(plain, Reached.at(plain, best.unknowns), LAST)
         found = self.objective(last.unknowns.parameters(plain.inverse), observation)
         found, _ = self._apart(plain, last.unknowns, found)
@@ -131,20 +135,39 @@ class SecondOrder:
         hands = len(observation)
         several = self._selected(centred, self._starts(centred, palms, further), different=True)
         count = len(several.damping) // max(hands, 1)
-        rows = _rows(hands, hands * count)
+        rows = rows_of(hands, hands * count)
         of_each, plainly = centred[rows], plain[rows]
         several = minimize(of_each, several, Limits(FINAL.steps))
-        several = several[_least(several.model.value, hands, count, in_order=False)]
+        several = several[least(several.model.value, hands, count, in_order=False)]
         # Most starts end in the same minimum, and one of these stands for all.
-        distinct = (~_again(of_each, several, hands)).flatten().nonzero()[:, 0]
+        distinct = (~is_repeated(of_each, several, hands)).flatten().nonzero()[:, 0]
         problem = plainly[distinct]
         last = minimize(problem, Reached.at(problem, several.unknowns[distinct]), LAST).unknowns
         found = self.objective(last.parameters(problem.inverse), problem.observation)
         _, last = self._apart(problem, last, found)
         several = several.put(distinct, Reached.at(of_each[distinct], last))
-        again = _again(of_each, several, hands)
-        again.view(-1)[_others(distinct, hands * count)] = True
+        again = is_repeated(of_each, several, hands)
+        again.view(-1)[all_but(distinct, hands * count)] = True
         return Minima.of(of_each, several, again)
+
+    @torch.no_grad()
+    def covariance_at(
+        self, observation: Observation, parameters: HandParameters
+    ) -> Float[Tensor, "hand landmark=21 3 3"] | None:
+        """Covariance of the landmarks of hands that need not be minima, such as smoothed ones.
+
+        Args:
+            observation: The landmarks of these hands.
+            parameters: The hands.
+
+        Returns:
+            Square metres; None if the loss is no likelihood or leaves an angle free.
+        """
+        centred, _ = self._problems(observation)
+        if not (is_likelihood(self.objective.data_term) and centred.terms.bounds_pose):
+            return None
+        unknowns = Unknowns.of_start(Start.of(parameters), observation.intrinsics)
+        return covariance_about(Minimum.of(centred, Reached.at(centred, unknowns)))
 
     def _problems(self, observation: Observation) -> tuple[Problem, Problem]:
         """The loss with every angle drawn to the middle of its range, and the loss itself."""
@@ -171,7 +194,7 @@ class SecondOrder:
         hands = len(problem.target)
         count = len(several.damping) // max(hands, 1)
         result = Minimum.of(problem, Reached.at(problem, best.unknowns))
-        others = Minimum.of(problem[_rows(hands, len(several.damping))], several)
+        others = Minimum.of(problem[rows_of(hands, len(several.damping))], several)
         return mixed_covariance(result, others, count)
 
     def _starts(self, problem: Problem, palms: Start | None, further: Start | None) -> Unknowns:
@@ -181,22 +204,22 @@ class SecondOrder:
         if palms is not None and self.fingers is None:
             further = palms if further is None else Start.beside([palms, further])
         elif palms is not None and self.fingers is not None:
-            several = problem[_rows(hands, hands * palms.translation.shape[1])]
+            several = problem[rows_of(hands, hands * palms.translation.shape[1])]
             seen = Seen.of(several.observation)
             placed = Unknowns.of_start(palms.flat(), seen.intrinsics)
             found += self.fingers.nearest(placed, seen)
         if further is not None:
-            several = problem[_rows(hands, hands * further.translation.shape[1])]
+            several = problem[rows_of(hands, hands * further.translation.shape[1])]
             found.append(Unknowns.of_start(further.flat(), several.observation.intrinsics))
         return Unknowns.beside(found, hands)
 
     def _selected(self, problem: Problem, start: Unknowns, *, different: bool = False) -> Reached:
         """The best starts of each hand after the rounds, or the best that differ, behind each other."""
         hands = len(problem.target)
-        here = Reached.at(problem[_rows(hands, len(start))], start)
+        here = Reached.at(problem[rows_of(hands, len(start))], start)
         for of_round in ROUNDS:
             if different:
-                here = here[_different(problem, here, of_round.starts)]
+                here = here[unlike(problem, here, of_round.starts)]
             here = self._advanced(problem, here, of_round)
             if of_round.look_up and self.fingers is not None:
                 here = self._looked_up(problem, here, self.fingers)
@@ -206,18 +229,18 @@ class SecondOrder:
     def _advanced(problem: Problem, here: Reached, of_round: Round) -> Reached:
         """The best starts of each hand after the steps of a round."""
         hands = len(problem.target)
-        here = here[_least(here.model.value, hands, of_round.starts)]
-        return minimize(problem[_rows(hands, len(here.damping))], here, Limits(of_round.steps))
+        here = here[least(here.model.value, hands, of_round.starts)]
+        return minimize(problem[rows_of(hands, len(here.damping))], here, Limits(of_round.steps))
 
     @staticmethod
     def _looked_up(problem: Problem, here: Reached, fingers: FingerPoses) -> Reached:
         """Two more starts per hand: its best one with fingers that are looked up for its palm."""
         hands = len(problem.target)
-        best = here.unknowns[_least(here.model.value, hands, 1)]
+        best = here.unknowns[least(here.model.value, hands, 1)]
         more = Unknowns.beside(fingers.nearest(best, Seen.of(problem.observation)), hands)
-        found = Reached.at(problem[_rows(hands, len(more))], more)
+        found = Reached.at(problem[rows_of(hands, len(more))], more)
         both = here.joined(found)
-        order = torch.cat([_rows(hands, len(here.damping)), _rows(hands, len(more))])
+        order = torch.cat([rows_of(hands, len(here.damping)), rows_of(hands, len(more))])
         return both[order.argsort(stable=True)]
 
     def _apart(
@@ -237,53 +260,3 @@ class SecondOrder:
         some = problem[hit]
         fitted = self.objective(freed.parameters(some.inverse), some.observation)
         return found.put(hit, fitted), unknowns.put(hit, freed)
-
-
-def _rows(hands: int, starts: int) -> Int[Tensor, " start"]:
-    """Index of the hand of each start, where every hand has the same number of starts."""
-    return torch.arange(hands).repeat_interleave(starts // max(hands, 1))
-
-
-def _again(
-    problem: Problem, here: Reached, hands: int, near: float = ALIKE
-) -> Bool[Tensor, "hand start"]:
-    """Mask of the results that are as near an earlier one of their hand as if they were the same minimum."""
-    at = problem.projection(here.unknowns, problem.observation.intrinsics, problem.inverse)
-    points = at.points.permute(2, 1, 0).unflatten(0, (hands, -1))
-    return repeated(points, here.model.value.view(hands, -1), near)
-
-
-def _different(problem: Problem, here: Reached, count: int) -> Int[Tensor, " kept"]:
-    """Indices of the best starts of each hand that differ, filled up with the best of the others."""
-    hands = len(problem.target)
-    each = len(here.damping) // max(hands, 1)
-    order = _least(here.model.value, hands, each, in_order=False)
-    again = _again(problem[_rows(hands, hands * each)], here[order], hands, UNLIKE)
-    first = again.int().argsort(dim=1, stable=True)[:, :count]
-    return order.view(hands, each).gather(1, first).sort(dim=1).values.flatten()
-
-
-def _others(some: Tensor, count: int) -> Int[Tensor, " other"]:
-    """The indices below a number that are not among some."""
-    mask = torch.ones(count, dtype=torch.bool)
-    mask[some] = False
-    return mask.nonzero()[:, 0]
-
-
-def _least(
-    value: Float[Tensor, " start"], hands: int, count: int, *, in_order: bool = True
-) -> Int[Tensor, " kept"]:
-    """Indices of the starts of least loss of each hand, in the order of the hands.
-
-    Args:
-        value: Loss of every start; those of a hand are behind each other.
-        hands: Number of hands.
-        count: Starts to keep per hand, if there are so many.
-        in_order: Whether the starts of a hand keep their order; otherwise the least loss is first.
-    """
-    each = len(value) // max(hands, 1)
-    by_hand = value.nan_to_num(torch.inf).view(hands, each)
-    kept = by_hand.argsort(dim=1, stable=True)[:, :count]
-    if in_order:
-        kept = kept.sort(dim=1).values
-    return (kept + each * torch.arange(hands)[:, None]).flatten()

@@ -1,0 +1,71 @@
+"""Long files of hands, `hands.jsonl`: the objects of `hands.json`, one to a line and nothing else.
+
+A list has to be read as a whole; lines can be read one by one, and appended to.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+SUFFIX: Final = ".jsonl"
+"""Suffix of files of lines."""
+
+
+@contextmanager
+def writing_hand_lines(path: Path) -> Iterator[Callable[[Iterable[dict[str, Any]]], None]]:
+    """Write objects of hands, one to a line; the file gets its name when it is complete.
+
+    Args:
+        path: The file; an existing one is replaced.
+
+    Raises:
+        ValueError: A number that must be finite is not.
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    with unfinished.open("w", encoding="utf-8") as stream:
+
+        def write(entries: Iterable[dict[str, Any]]) -> None:
+            for entry in entries:
+                stream.write(json.dumps(entry, allow_nan=False, ensure_ascii=False) + "\n")
+
+        yield write
+    os.replace(unfinished, path)
+
+
+def read_lines(path: Path) -> list[Any]:
+    """Read the objects of a file of lines; empty lines are passed over.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ValueError: A line is not JSON.
+    """
+    content = []
+    with path.open(encoding="utf-8") as stream:
+        for number, line in enumerate(stream, start=1):
+            if not line.strip():
+                continue
+            try:
+                content.append(json.loads(line, parse_constant=refuse_constant))
+            except (ValueError, RecursionError) as error:
+                raise ValueError(
+                    f"{path}, line {number}, is not JSON ({error}); expected one hand to a line. Write the "
+                    "file again, or delete this line."
+                ) from error
+    return content
+
+
+def refuse_constant(token: str) -> None:
+    """Refuse NaN and infinities, which JSON does not have.
+
+    Args:
+        token: What stands in the place of a number.
+
+    Raises:
+        ValueError: Always.
+    """
+    raise ValueError(f"found {token}, which is not a JSON number")
