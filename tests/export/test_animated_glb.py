@@ -59,7 +59,7 @@ def test_between_frames_joints_rotate_on_the_shortest_arc(hand: HandModel, side:
     ).numpy()
     mirror = np.diag(MIRROR.numpy() if side == "left" else np.ones(3))
     wrists = in_camera(trajectory, hand).joints[:, 0].double().numpy()
-    for frame, share in [(0, 0.5), (7, 0.25), (18, 0.9)]:
+    for frame, share in zip(range(19), np.linspace(0.05, 0.95, 19).tolist(), strict=True):
         pair_of_frames = slice(frame, frame + 2)
         fingers = np.stack(
             [
