@@ -1,7 +1,7 @@
 """Small videos, written and changed byte by byte: rotation, times of frames, and what is damaged."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -95,16 +95,16 @@ class FakeCapture(Capture):
     def __init__(
         self,
         times: Sequence[float] = (),
+        properties: Mapping[str, float] | None = None,
         *,
         opened: bool = True,
         error_at: int | None = None,
-        **properties: float,
     ) -> None:
         self.times = list(times)
         self.opened = opened
         self.released = 0
         self.error_at = error_at
-        self.properties = {getattr(cv2, name): value for name, value in properties.items()}
+        self.properties = {getattr(cv2, name): value for name, value in (properties or {}).items()}
         self.position = -1
         self.retrieved: list[int] = []
 

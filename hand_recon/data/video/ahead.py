@@ -2,7 +2,7 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -18,7 +18,7 @@ class _End:
         self.error = error
 
 
-def ahead(items: Iterable[Item], size: int = 4) -> Iterator[Item]:
+def ahead(items: Iterable[Item], size: int = 4) -> Generator[Item, None, None]:
     """Iterate with one thread that works ahead, for example decoding beside networks.
 
     At most `size` + 2 items are in memory: those that wait, the one that is being made, and the one in use.
@@ -40,7 +40,7 @@ def ahead(items: Iterable[Item], size: int = 4) -> Iterator[Item]:
     return _handed_over(items, size)
 
 
-def _handed_over(items: Iterable[Item], size: int) -> Iterator[Item]:
+def _handed_over(items: Iterable[Item], size: int) -> Generator[Item, None, None]:
     waiting: queue.Queue[Item | _End] = queue.Queue(size)
     closing = threading.Event()
 

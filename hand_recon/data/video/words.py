@@ -64,14 +64,16 @@ def video_kind(word: str | Path, fps: float | None = None) -> VideoKind | None:
     Returns:
         Kind of video; None for what may be photographs.
     """
+    if not str(word) or "\0" in str(word):
+        return None
     path = Path(word)
     try:
         if path.is_dir():
             return None if fps is None else VideoKind.SEQUENCE
         if path.exists():
             return _kind_of_existing(path)
-    except (OSError, ValueError):
-        # A name that is too long or holds a zero byte, which the reader of photographs refuses in words.
+    except OSError:
+        # A name that is too long, for example, which the reader of photographs refuses in words.
         return None
     return _kind_of_word(str(word), isinstance(word, Path), fps)
 

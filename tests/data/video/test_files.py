@@ -103,7 +103,7 @@ def test_a_file_that_was_cut_off_gives_what_it_has_with_a_warning(
 
 def test_times_that_are_missing_are_repaired_with_a_note(caplog: pytest.LogCaptureFixture) -> None:
     def opener(_: str | int) -> FakeCapture:
-        return FakeCapture([0.0] * 4, CAP_PROP_FPS=20.0)
+        return FakeCapture([0.0] * 4, {"CAP_PROP_FPS": 20.0})
 
     with caplog.at_level(logging.INFO):
         frames = list(VideoFile("raw.h264", "raw.h264", opener))
@@ -114,7 +114,9 @@ def test_times_that_are_missing_are_repaired_with_a_note(caplog: pytest.LogCaptu
 
 def test_times_are_relative_to_the_first_frame_and_30_frames_a_second_are_assumed() -> None:
     def opener(_: str | int) -> FakeCapture:
-        return FakeCapture([1.4, 1.5, 0.0], CAP_PROP_FPS=90_000.0, CAP_PROP_FRAME_COUNT=-1.0)
+        return FakeCapture(
+            [1.4, 1.5, 0.0], {"CAP_PROP_FPS": 90_000.0, "CAP_PROP_FRAME_COUNT": -1.0}
+        )
 
     video = VideoFile("clip.ts", "clip.ts", opener)
     assert (video.rate_hint, video.count_hint) == (None, None)
@@ -123,7 +125,7 @@ def test_times_are_relative_to_the_first_frame_and_30_frames_a_second_are_assume
 
 def test_squeezed_pixels_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     properties = {"CAP_PROP_SAR_NUM": 16.0, "CAP_PROP_SAR_DEN": 11.0}
-    VideoFile("dv.avi", "dv.avi", lambda _: FakeCapture([0.0], **properties))
+    VideoFile("dv.avi", "dv.avi", lambda _: FakeCapture([0.0], properties))
     assert "1.45 times as wide as high" in caplog.text
 
 
@@ -219,4 +221,4 @@ def test_av1_is_named_with_the_cure(tmp_path: Path) -> None:
 def test_a_video_without_a_frame_names_its_codec() -> None:
     tag = float(int.from_bytes(b"XYZ1", "little"))
     with pytest.raises(VideoError, match=r"codec xyz1\), but no frame of it can be decoded"):
-        VideoFile("odd.avi", "odd.avi", lambda _: FakeCapture([], CAP_PROP_FOURCC=tag))
+        VideoFile("odd.avi", "odd.avi", lambda _: FakeCapture([], {"CAP_PROP_FOURCC": tag}))
