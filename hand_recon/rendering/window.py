@@ -76,7 +76,9 @@ class ShadedWindow:
             part[:] = (below + self.light[rows][..., None] * colour).round().clip(0, 255)
 
 
-def shade_in_image(meshes: Sequence[PlacedMesh], width: int, height: int) -> list[ShadedWindow]:
+def shade_in_image(
+    meshes: Sequence[PlacedMesh], width: int, height: int, most_samples: int = MOST_SAMPLES
+) -> list[ShadedWindow]:
     """Render meshes that hide each other where one is nearer; far ones first.
 
     Meshes without a visible pixel are left out, as are those behind the camera or with vertices that are not
@@ -86,10 +88,12 @@ def shade_in_image(meshes: Sequence[PlacedMesh], width: int, height: int) -> lis
         meshes: Meshes, all in front of the same image.
         width: Width of the image, pixels.
         height: Height of the image, pixels.
+        most_samples: Most rays that are cast; fewer make a coarser drawing in less time.
     """
     boxes = [(mesh, box) for mesh in meshes if (box := _box(mesh, width, height)) is not None]
     boxes.sort(key=lambda entry: -entry[0].distance)
-    grid = _grid(sum((box.right - box.left) * (box.bottom - box.top) for _, box in boxes))
+    pixels = sum((box.right - box.left) * (box.bottom - box.top) for _, box in boxes)
+    grid = _grid(pixels, most_samples)
     traced = [_trace(mesh, box, grid) for mesh, box in boxes]
     windows = []
     for index, part in enumerate(traced):
@@ -154,10 +158,10 @@ def _box(mesh: PlacedMesh, width: int, height: int) -> _Box | None:
     return _Box(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def _grid(pixels: int) -> _Grid:
-    if 4 * pixels <= MOST_SAMPLES:
+def _grid(pixels: int, most_samples: int) -> _Grid:
+    if 4 * pixels <= most_samples:
         return _Grid(2, 1)
-    return _Grid(1, math.ceil(math.sqrt(pixels / MOST_SAMPLES)))
+    return _Grid(1, math.ceil(math.sqrt(pixels / most_samples)))
 
 
 def _trace(mesh: PlacedMesh, box: _Box, grid: _Grid) -> _Traced:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from hand_recon.rendering.mesh import BLUE, from_above, from_the_side
-from hand_recon.rendering.window import PlacedMesh, shade_in_image
+from hand_recon.rendering.window import MOST_SAMPLES, PlacedMesh, shade_in_image
 from hand_recon.visualization.hand_marks import (
     Canvas,
     Place,
@@ -91,6 +91,8 @@ class OverlayStyle:
     """Longer side of the photograph in the drawing, pixels; smaller ones are enlarged by a whole number."""
     largest: int = LARGEST_DRAWING
     """Longer side of the photograph in the drawing, pixels; larger ones are scaled down."""
+    samples: int = MOST_SAMPLES
+    """Most rays that are cast for the meshes of a drawing."""
 
 
 def draw_hands(
@@ -119,7 +121,7 @@ def draw_hands(
         PlacedMesh(hand.vertices, faces, hand.intrinsics, HAND_COLOURS[hand.side]) for hand in drawn
     ]
     if style.opacity > 0:
-        for window in shade_in_image(meshes, width, height):
+        for window in shade_in_image(meshes, width, height, style.samples):
             window.blend_into(canvas, style.opacity)
     order = sorted(range(len(drawn)), key=lambda index: -meshes[index].distance)
     for index in order:
