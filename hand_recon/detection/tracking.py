@@ -17,6 +17,10 @@ from hand_recon.detection.regions import Region, region_of_landmarks
 PALMS_EVERY: Final = 10
 """Frames from one search for palms to the next while hands are followed (decision 80)."""
 
+AFTER_LOSS: Final = 15
+"""Frames from the loss of a hand on, that frame included, in which palms are looked for unless one is found
+(decision 80)."""
+
 SAME_SQUARE: Final = 0.5
 """Intersection over union of unrotated squares above which a palm is a followed hand's; MediaPipe's."""
 
@@ -29,31 +33,40 @@ class TrackerState:
     """Square of each hand in which the next frame's landmarks are read."""
     since_search: int = 0
     """Number of frames since palms were looked for, that frame included; 0 before the first."""
+    after_loss: int = 0
+    """Countdown of the frames in which palms are looked for because a hand was lost; 0 without a loss."""
 
     def to_json(self) -> str:
         """One line of JSON, from which `from_json` makes an equal state."""
         # Python writes floats with as many digits as make them the same when they are read.
         squares = [astuple(region)[:4] for region in self.regions]
-        return json.dumps({"squares": squares, "since_search": self.since_search}, allow_nan=False)
+        return json.dumps(
+            {
+                "squares": squares,
+                "since_search": self.since_search,
+                "after_loss": self.after_loss,
+            },
+            allow_nan=False,
+        )
 
     @classmethod
     def from_json(cls, text: str) -> "TrackerState":
         """Read what `to_json` wrote.
 
         Args:
-            text: One line of JSON: `squares`, each with x, y, side and rotation, and `since_search`.
+            text: One line of JSON: `squares`, each with x, y, side and rotation, `since_search` and
+                `after_loss`.
 
         Raises:
             ValueError: It is no such line.
         """
         try:
             read = json.loads(text)
-            squares, since_search = read["squares"], read["since_search"]
             regions = tuple(
                 Region(float(x), float(y), float(side), float(rotation))
-                for x, y, side, rotation in squares
+                for x, y, side, rotation in read["squares"]
             )
-            return cls(regions, int(since_search))
+            return cls(regions, int(read["since_search"]), int(read["after_loss"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(
                 f"Expected the state of a tracker, such as {cls((), 1).to_json()}, found {text[:80]!r}. "
@@ -65,8 +78,8 @@ class HandTracker:
     """Hands of successive frames by MediaPipe's two networks.
 
     A hand is read in the square around its landmarks of the frame before. The palm network runs in every
-    frame in which none is followed or one is lost, and otherwise once in `palms_every` frames, unless
-    `detector.max_hands` hands are followed.
+    frame in which no hand is followed, for `AFTER_LOSS` frames from the loss of a hand on or until one is
+    found, and otherwise once in `palms_every` frames; not while `detector.max_hands` hands are followed.
     """
 
     def __init__(self, detector: MediaPipeDetector, palms_every: int = PALMS_EVERY) -> None:
@@ -109,26 +122,25 @@ class HandTracker:
         for region in state.regions:
             look.add(self.detector.read_hand(image, region))
         look.drop_twins()
-        search = self._is_search_due(state, len(look.readings))
-        if search:
+        followed = len(look.readings)
+        after_loss = AFTER_LOSS if followed < len(state.regions) else max(state.after_loss - 1, 0)
+        is_due = followed == 0 or after_loss > 0 or state.since_search >= self.palms_every
+        if is_due and not self._is_complete(followed):
             self._search(image, look)
-        look.drop_twins()
+            look.drop_twins()
+            since_search = 1
+        else:
+            since_search = state.since_search + 1
+        if len(look.readings) > followed:
+            after_loss = 0
         look.sort()
         regions = tuple(region_of_landmarks(reading.landmarks_2d) for reading in look.readings)
         detections = look.detections(partial(self.detector.noise, self.detector.read_hand, image))
-        return detections, TrackerState(regions, 1 if search else state.since_search + 1)
+        return detections, TrackerState(regions, since_search, after_loss)
 
-    def _is_search_due(self, state: TrackerState, followed: int) -> bool:
-        """True if palms are to be looked for in this frame.
-
-        Args:
-            state: The state after the frame before.
-            followed: Number of hands that were found again.
-        """
-        if self.detector.max_hands is not None and followed >= self.detector.max_hands:
-            return False
-        is_fewer = followed == 0 or followed < len(state.regions)
-        return is_fewer or state.since_search >= self.palms_every
+    def _is_complete(self, followed: int) -> bool:
+        """True if as many hands are followed as there may be."""
+        return self.detector.max_hands is not None and followed >= self.detector.max_hands
 
     def _search(self, image: UInt8[np.ndarray, "height width 3"], look: Look) -> None:
         """Add the hands of palms that are not those of followed hands."""

@@ -11,7 +11,7 @@ from hand_recon.detection.detector import DetectedHand
 from hand_recon.detection.hands import HandReading
 from hand_recon.detection.mediapipe import MediaPipeDetector
 from hand_recon.detection.regions import Region, region_of_landmarks
-from hand_recon.detection.tracking import HandTracker, TrackerState
+from hand_recon.detection.tracking import AFTER_LOSS, HandTracker, TrackerState
 from tests.support.moving_hands import FRAME, MovingHand, MovingPalms, ReadsMovingHands
 
 
@@ -71,6 +71,16 @@ def test_a_lost_hand_starts_a_search_in_the_same_frame() -> None:
     assert "not above detector.min_presence=0.5" in sentence
 
 
+def test_after_a_loss_palms_are_looked_for_for_a_while() -> None:
+    other = MovingHand(600, 200)
+    found, searched, _ = tracked([[STILL, other]] * 3 + [[STILL]] * 40)
+    assert searched == [0, *range(3, 3 + AFTER_LOSS), 27, 37]
+    # It comes back after six frames: found at once, and the search is over.
+    found, searched, _ = tracked([[STILL, other]] * 3 + [[STILL]] * 6 + [[STILL, other]] * 20)
+    assert [len(hands) for hands in found] == [2] * 3 + [1] * 6 + [2] * 20
+    assert searched == [0, *range(3, 10), 19]
+
+
 def test_a_new_hand_is_found_at_the_next_search() -> None:
     found, searched, _ = tracked([[STILL]] * 4 + [[STILL, MovingHand(600, 200)]] * 10)
     assert searched == [0, 10]
@@ -128,6 +138,7 @@ def test_a_clip_continued_from_a_written_state_is_the_clip() -> None:
         written = state.to_json()
         (hand,), (one,) = detections.hands, expected
         np.testing.assert_array_equal(hand.landmarks_2d, one.landmarks_2d)
+        assert hand.sigma is not None
         np.testing.assert_array_equal(hand.sigma, one.sigma)
 
 
@@ -137,17 +148,21 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 @given(
     st.lists(st.builds(Region, NUMBERS, NUMBERS, NUMBERS, NUMBERS), max_size=3).map(tuple),
     st.integers(0, 10**9),
+    st.integers(0, AFTER_LOSS),
 )
-def test_a_state_is_read_back_as_it_was(regions: tuple[Region, ...], since: int) -> None:
-    state = TrackerState(regions, since)
+def test_a_state_is_read_back_as_it_was(
+    regions: tuple[Region, ...], since: int, after: int
+) -> None:
+    state = TrackerState(regions, since, after)
     assert TrackerState.from_json(state.to_json()) == state
     assert "\n" not in state.to_json()
 
 
 @pytest.mark.parametrize(
     "text",
-    ["", "3", "[]", "{}", '{"squares": [[1, 2, 3]], "since_search": 0}', '{"squares": []}',
-     '{"squares": [[1, 2, 3, "wide"]], "since_search": 0}'],
+    ["", "3", "[]", "{}", '{"squares": [[1, 2, 3]], "since_search": 0, "after_loss": 0}',
+     '{"squares": [], "since_search": 1}', '{"squares": [], "since_search": 1, "after_loss": null}',
+     '{"squares": [[1, 2, 3, "wide"]], "since_search": 0, "after_loss": 0}'],
 )  # fmt: skip
 def test_a_damaged_state_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"Expected the state of a tracker.*Start again"):
