@@ -26,7 +26,7 @@ CONVERSION: Final = "ffmpeg -i <video> -c:v libx264 converted.mp4"
 """Command that converts a video to one that OpenCV reads everywhere."""
 
 _FASTEST: Final = 1000.0
-"""Frames per second above which a container's number is taken for a unit of time."""
+"""Frames per second from which on a container's number is taken for its unit of time, as in WebM."""
 _AV1: Final = "av01"
 
 
@@ -130,7 +130,7 @@ def video_file(path: str | Path) -> VideoFile:
 def rate_of(capture: Capture) -> float | None:
     """Mean frames per second by the container or camera; None if it is missing or impossible."""
     rate = capture.get(cv2.CAP_PROP_FPS)
-    return rate if 0 < rate <= _FASTEST else None
+    return rate if 0 < rate < _FASTEST else None
 
 
 def count_of(capture: Capture) -> int | None:

@@ -10,9 +10,12 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 import cv2
+
+log_levels: Final[Any] = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
+"""Module with `getLogLevel` and `setLogLevel`: OpenCV 4 and 5 have them in different places."""
 
 _ASKED_BY: Final = (
     "OPENCV_LOG_LEVEL",
@@ -43,14 +46,14 @@ class _Silence:
     def begin(self) -> None:
         with self._lock:
             if self._asking == 0:
-                self._before = cv2.utils.logging.setLogLevel(_SILENT)
+                self._before = log_levels.setLogLevel(_SILENT)
             self._asking += 1
 
     def end(self) -> None:
         with self._lock:
             self._asking -= 1
             if self._asking == 0:
-                cv2.utils.logging.setLogLevel(self._before)
+                log_levels.setLogLevel(self._before)
 
 
 _silence = _Silence()

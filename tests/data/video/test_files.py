@@ -214,8 +214,13 @@ def test_av1_is_named_with_the_cure(tmp_path: Path) -> None:
         tmp_path / "a.avif", save_all=True, append_images=images[1:], duration=100, speed=10
     )
     path = (tmp_path / "a.avif").rename(tmp_path / "screen.mp4")
-    with pytest.raises(VideoError, match=r"is an AV1 video, .* by ffmpeg -i"):
+    try:
         video_file(path)
+    except VideoError as error:
+        assert "is an AV1 video, which this OpenCV does not decode" in str(error)
+        assert "by ffmpeg -i" in str(error)
+    else:
+        pytest.skip("this OpenCV decodes AV1")
 
 
 def test_a_video_without_a_frame_names_its_codec() -> None:

@@ -6,10 +6,9 @@ import sys
 import threading
 from pathlib import Path
 
-import cv2
 import pytest
 
-from hand_recon.data.video.quiet import quiet, quiet_opening, without_noise
+from hand_recon.data.video.quiet import log_levels, quiet, quiet_opening, without_noise
 from tests.support.video_files import cut, write_clip
 
 READS = """
@@ -53,7 +52,7 @@ def test_whoever_asks_for_messages_of_ffmpeg_gets_them(tmp_path: Path) -> None:
 
 
 def test_the_level_of_messages_is_restored_after_the_last_thread() -> None:
-    before = cv2.utils.logging.getLogLevel()
+    before = log_levels.getLogLevel()
     assert before != 0
     inside, leave = threading.Event(), threading.Event()
 
@@ -66,10 +65,10 @@ def test_the_level_of_messages_is_restored_after_the_last_thread() -> None:
         thread = threading.Thread(target=other)
         thread.start()
         assert inside.wait(5)
-    assert cv2.utils.logging.getLogLevel() == 0
+    assert log_levels.getLogLevel() == 0
     leave.set()
     thread.join()
-    assert cv2.utils.logging.getLogLevel() == before
+    assert log_levels.getLogLevel() == before
 
 
 def test_the_environment_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
