@@ -1,0 +1,174 @@
+"""Fit of a clip frame by frame with one shape, and motions that are made from it."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from depth.methods import Method
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.detection.detector import Side
+from hand_recon.fitting.descent import fit_minima
+from hand_recon.fitting.observation import observed
+from hand_recon.hand.model import HandModel
+from hand_recon.motion.bridging import bridged, trajectory_of
+from hand_recon.motion.certainty import certainty_of
+from hand_recon.motion.choice import chosen_poses, poses_at, select_frames
+from hand_recon.motion.estimates import FrameEstimates
+from hand_recon.motion.filtering import LiveFilter
+from hand_recon.motion.poses import Poses
+from hand_recon.motion.smoothing import smoothed
+from hand_recon.motion.trajectory import Trajectory
+from hand_recon.runs.configuration import build_hand, instantiate
+from hand_recon.runs.fitters import build_fitter, build_objective, further_starts
+from hand_recon.runs.one_person import hands_of_person, shape_of_person
+from motion.clips import MotionClip
+
+PART: Final = 64
+"""Frames whose covariances are held at once."""
+
+
+@dataclass(frozen=True)
+class FittedClip:
+    """Minima of the frames of a clip, all with one shape."""
+
+    clip: MotionClip
+    """The clip."""
+    estimates: FrameEstimates
+    """Minima of every frame in which the hand was found."""
+    hand: HandModel
+    """Hand model, without its surface."""
+    shape: Float[np.ndarray, " direction=10"]
+    """Shape of the hand, standard deviations."""
+
+
+def fitted_clip(clip: MotionClip, method: Method) -> FittedClip:
+    """Estimate the shape of a clip's hand, and the minima of each frame.
+
+    Args:
+        clip: The clip.
+        method: Configuration of the fit.
+    """
+    config = method.config()
+    hand = build_hand(config)
+    descent = instantiate(config.descent)
+    sigma = config.sigma_at_half_confidence
+    shape = shape_of_person(
+        build_fitter(config, hand),
+        build_objective(config, hand),
+        descent,
+        hands_of_person(clip.landmarks),
+        sigma_at_half_confidence=sigma,
+    )
+    person = hand.of_shape(shape)
+    objective, further = build_objective(config, person), further_starts(config, person)
+    parts = []
+    for part in clip.landmarks.parts(PART):
+        seen = observed(to_crops(part).batch, sigma)
+        found = fit_minima(seen, objective, descent=descent, further=further)
+        certainty = certainty_of(found.information.double().numpy())
+        columns = (
+            found.parameters.joint_angles,
+            found.parameters.root_rotation,
+            found.place,
+            found.cost,
+        )
+        parts.append([*(column.double().numpy() for column in columns), certainty])
+    angles, rotation, place, cost, certainty = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
+    estimates = FrameEstimates(
+        clip.frames, clip.frames / clip.rate, angles, rotation, place, certainty, cost
+    )
+    return FittedClip(clip, estimates, hand.landmarks_only(), shape.double().numpy())
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that was made from the minima of a clip."""
+
+    name: str
+    """Name for tables."""
+    poses: Poses
+    """Poses in the frames in which the hand was found."""
+    trajectory: Trajectory
+    """Poses in all frames, gaps bridged."""
+    milliseconds: float
+    """Processor time per frame."""
+
+
+def motions(fitted: FittedClip, strengths: Sequence[float]) -> list[Motion]:
+    """The least cost of each frame alone, the chosen minima smoothed, and the same live.
+
+    Args:
+        fitted: The clip.
+        strengths: Strengths of smoothing, seconds.
+    """
+    found = [_made(fitted, "each frame alone", _alone, 0.0)]
+    for seconds in strengths:
+        name = f"{seconds:g} s" if seconds else "chosen minima"
+        found.append(_made(fitted, name, partial(_whole, seconds=seconds), seconds))
+    for seconds in strengths:
+        name = f"live, {seconds:g} s"
+        found.append(_made(fitted, name, partial(live_poses, seconds=seconds), seconds))
+    return found
+
+
+def _alone(estimates: FrameEstimates) -> Poses:
+    return poses_at(estimates, estimates.cost.argmin(axis=1))
+
+
+def _whole(estimates: FrameEstimates, seconds: float) -> Poses:
+    return smoothed(chosen_poses(estimates), seconds)
+
+
+def live_poses(estimates: FrameEstimates, seconds: float) -> Poses:
+    """Poses that are found frame by frame.
+
+    Args:
+        estimates: Minima of all frames.
+        seconds: Strength of smoothing.
+    """
+    live = LiveFilter(seconds)
+    found = [
+        live.update(select_frames(estimates, np.array([row]))) for row in range(len(estimates))
+    ]
+    columns = ("frames", "times", "joint_angles", "root_rotation", "place", "certainty")
+    return Poses(*(np.concatenate([getattr(one, name) for one in found]) for name in columns))
+
+
+def _made(
+    fitted: FittedClip, name: str, make: Callable[[FrameEstimates], Poses], seconds: float
+) -> Motion:
+    began = time.process_time()
+    poses = make(fitted.estimates)
+    milliseconds = 1000 * (time.process_time() - began) / len(poses)
+    frames = np.arange(fitted.clip.frames[-1] + 1)
+    whole = bridged(poses, frames, frames / fitted.clip.rate, straight=seconds == 0)
+    side: Side = "left" if bool(fitted.clip.landmarks.left[0]) else "right"
+    trajectory = trajectory_of(whole, hand=1, side=side, shape=fitted.shape)
+    return Motion(name, poses, trajectory, milliseconds)
+
+
+@torch.no_grad()
+def landmarks_of(
+    trajectory: Trajectory, hand: HandModel
+) -> Float[np.ndarray, "frame landmark=21 3"]:
+    """Landmarks of a hand of its own side, camera frame, metres.
+
+    Args:
+        trajectory: The motion.
+        hand: Hand model.
+    """
+    angles = torch.from_numpy(trajectory.joint_angles).float()
+    shape = torch.from_numpy(trajectory.shape).float().expand(len(angles), 10)
+    points = hand(angles, shape).landmarks.double().numpy()
+    if trajectory.side == "left":
+        points = points * [-1.0, 1.0, 1.0]
+    turned = points @ trajectory.root_rotation.swapaxes(1, 2)
+    return np.asarray(turned + trajectory.translation[:, None])
