@@ -13,11 +13,14 @@ from omegaconf import DictConfig, OmegaConf
 
 from hand_recon.data.photos.listing import photo_files
 from hand_recon.data.progress import with_progress
+from hand_recon.data.video.frames import FrameSource
+from hand_recon.data.video.words import frame_source, video_kind
 from hand_recon.fitting.fitted_hands import FittedHands
 from hand_recon.fitting.hands_file import hand_entries, writing_list
 from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
+from hand_recon.runs.clip.clip_run import predict_clip
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
 from hand_recon.runs.fit_run import adapted_to_data, refuse_doubts, source_of
 from hand_recon.runs.fitters import build_fitter, fitter_of
@@ -65,6 +68,10 @@ def predict(config: DictConfig) -> dict[str, Any]:
     configure_process(config.threads)
     config = adapted_to_data(config)
     inputs = _inputs(config)
+    video = _video(inputs, config.motion.fps)
+    if video is not None:
+        with video:
+            return predict_clip(config, video)
     files = _without_results(photo_files(inputs), config.output)
     if not files:
         raise ValueError(
@@ -93,6 +100,23 @@ def _inputs(config: DictConfig) -> list[str]:
             "No image is named. Give photographs or folders of them: hand-recon predict photo.jpg my_photos."
         )
     return names
+
+
+def _video(inputs: Sequence[str], fps: float | None) -> FrameSource | None:
+    """The video that the inputs name; None for photographs.
+
+    Raises:
+        ValueError: There is something else beside a video.
+    """
+    videos = [word for word in inputs if video_kind(word, fps) is not None]
+    if not videos:
+        return None
+    if len(inputs) > 1:
+        raise ValueError(
+            f"Found the video {videos[0]} and {len(inputs) - 1} more input(s); expected one video alone, or "
+            "photographs. Run the command for each video."
+        )
+    return frame_source(videos[0], fps)
 
 
 def _without_results(files: Sequence[Path], output: str | None) -> list[Path]:

@@ -33,14 +33,14 @@ class ClipLayout:
     """Panels beside the frames of a clip, the same in every frame."""
 
     titles: Mapping[int, str]
-    """Title of each hand's panel by its number, such as `1, left`, in order."""
+    """Title of each hand's panel by its number, such as `1, left`, in order; at most `MOST_PANELS`."""
     panels: bool = True
     """True to show each hand from the side, beside the frame."""
 
     @property
     def shown(self) -> tuple[int, ...]:
         """Numbers of the hands that have a panel."""
-        return tuple(self.titles)[:MOST_PANELS] if self.panels else ()
+        return tuple(self.titles) if self.panels else ()
 
 
 def draw_clip_frame(

@@ -80,7 +80,7 @@ class Kind:
 
 
 _REFUSED: Final = {
-    "video": "It is a video, and videos are not read yet. Give single frames of it as JPEG or PNG.",
+    "video": "It is a video, which is given alone: hand-recon predict clip.mp4.",
     "raw": f"It is a camera's raw file. {_ADVICE_TO_EXPORT}",
     "PDF": f"It is a PDF document. {_ADVICE_TO_EXPORT}",
     "PostScript": f"It is a PostScript document. {_ADVICE_TO_EXPORT}",

@@ -21,11 +21,12 @@ from hand_recon.data.video.quiet import quiet_opening, without_noise
 logger = logging.getLogger(__name__)
 
 CODECS: Final[dict[str, tuple[str, ...]]] = {
-    ".webm": ("VP90", "VP80"),
+    ".webm": ("VP80", "VP90"),
     ".mp4": ("mp4v",),
     ".avi": ("MJPG",),
 }
-"""Codecs of each suffix, by preference. Browsers play WebM, and no MP4 with `mp4v`, which players do."""
+"""Codecs of each suffix, by preference (decision 79). Browsers play WebM, and no MP4 with `mp4v`, which players
+do."""
 
 _NAMES: Final = {"VP90": "VP9", "VP80": "VP8", "mp4v": "MPEG-4", "MJPG": "Motion JPEG"}
 
@@ -48,7 +49,7 @@ class VideoWriter:
         """Check name, rate and place; the file is begun with the first frame.
 
         Args:
-            path: File, whose suffix decides the format: `.webm` (VP9), `.mp4` (MPEG-4) or `.avi` (MJPG).
+            path: File, whose suffix decides the format: `.webm` (VP8), `.mp4` (MPEG-4) or `.avi` (MJPG).
             fps: Frames per second of the file, rounded to two decimals, which every format keeps exactly;
                 30 for None.
             codecs: Codecs to try, by OpenCV's four letters; None for those of the suffix.

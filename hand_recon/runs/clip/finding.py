@@ -2,11 +2,11 @@
 
 import logging
 import os
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 from jaxtyping import UInt8
@@ -17,7 +17,9 @@ from hand_recon.data.video.frames import Frame, FrameSource, VideoError
 from hand_recon.detection.detector import DetectedHand, Detections, Detector
 from hand_recon.detection.mediapipe import MediaPipeDetector
 from hand_recon.detection.tracking import HandTracker, TrackerState
+from hand_recon.fitting.photo_camera import CameraChoice
 from hand_recon.runs.clip.found_frames import FoundFrame, whole_lines
+from hand_recon.runs.photo_network import PhotoNetwork
 from hand_recon.schema import HandEstimate
 
 logger = logging.getLogger(__name__)
@@ -49,6 +51,29 @@ def follower(detector: Detector, palms_every: int) -> Follow:
         return detector(pixels, None), state
 
     return alone
+
+
+def looker(network: PhotoNetwork, choice: CameraChoice) -> Look:
+    """Function that has a network look at the hands of a frame.
+
+    Args:
+        network: The network.
+        choice: Rule for the camera. Where it is assumed, it is not yet known how large the hands of the clip
+            are; the fit takes the angles and rotations from here, and places the hands itself.
+    """
+
+    def look(
+        pixels: Pixels, hands: tuple[DetectedHand, ...]
+    ) -> tuple[tuple[DetectedHand, ...], HandEstimate | None]:
+        height, width, _ = pixels.shape
+        if choice.cameras is None:
+            camera = choice.of_photo((width, height), None, np.zeros(0)).matrix
+        else:
+            camera = np.asarray(choice.cameras.matrices[0], dtype=np.float64)
+        found, by_network = network.find(pixels, hands)
+        return network.place(pixels, found, by_network, camera)
+
+    return look
 
 
 @dataclass(frozen=True)
@@ -99,7 +124,7 @@ class Finding:
         size = found[0].size if found else None
         total = max((self.source.count_hint or 0) - len(found), 1)
         task = f"Finding the hands of {self.source.name}, frames"
-        with closing(cast("Generator[Frame]", ahead(self.source.frames(len(found))))) as frames:
+        with closing(ahead(self.source.frames(len(found)))) as frames:
             for frame in with_progress(frames, total, task):
                 one = self._found(frame, state)
                 size = size or one.size

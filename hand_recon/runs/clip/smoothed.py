@@ -1,4 +1,4 @@
-"""Smoothed hands of a clip as records: posed again in their frames, judged, with the bridged frames marked."""
+"""Smoothed hands of a clip as records: posed again in their frames, judged, bridged ones marked."""
 
 from dataclasses import dataclass, replace
 from typing import Final

@@ -105,12 +105,12 @@ def test_the_codec_is_noted_and_one_that_is_missing_is_named(
     with caplog.at_level(logging.INFO):
         with VideoWriter(tmp_path / "a.webm") as video:
             video.write(numbered_image(0), 0.0)
-        with VideoWriter(tmp_path / "b.webm", codecs=("XYZ1", "VP80")) as other:
+        with VideoWriter(tmp_path / "b.webm", codecs=("XYZ1", "VP90")) as other:
             other.write(numbered_image(0), 0.0)
-    assert (video.codec, other.codec) == ("VP90", "VP80")
+    assert (video.codec, other.codec) == ("VP80", "VP90")
     assert caplog.messages == [
-        f"{tmp_path}/a.webm is written as VP9 (VP90).",
-        f"{tmp_path}/b.webm is written as VP8 (VP80). This OpenCV cannot write XYZ1.",
+        f"{tmp_path}/a.webm is written as VP8 (VP80).",
+        f"{tmp_path}/b.webm is written as VP9 (VP90). This OpenCV cannot write XYZ1.",
     ]
     assert capfd.readouterr().err == ""
 

@@ -1,0 +1,50 @@
+"""Options of `hand-recon predict` for videos: `motion.…`."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from hand_recon.detection.tracking import PALMS_EVERY
+from hand_recon.motion.identity_settings import DEFAULT
+from hand_recon.motion.smoothing import DEFAULT_SECONDS, checked_seconds
+
+VIDEO_FORMATS: Final = ("webm", "mp4", "avi")
+"""Formats of the drawn video."""
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """Options for hands over time.
+
+    Raises:
+        ValueError: An option is out of its range.
+    """
+
+    smoothing: float = DEFAULT_SECONDS
+    """Time over which the motion of a typical hand is averaged, seconds; 0 for none (decision 78)."""
+    longest_gap: float = DEFAULT.longest_gap
+    """Longest time without the hand that is bridged, seconds."""
+    palms_every: int = PALMS_EVERY
+    """Frames between searches for further hands while hands are followed (decision 80)."""
+    fps: float | None = None
+    """Frames per second of a folder or pattern of images, which makes it a video; None for photographs."""
+    video: str | None = "webm"
+    """Format of the video with the hands drawn on it, one of `VIDEO_FORMATS`; None for no video."""
+    panels: bool = True
+    """True to show each hand from the side, beside the video."""
+    glb: bool = True
+    """True for `hands.glb`, the moving hands as a skinned animation."""
+    bvh: bool = False
+    """True for a BVH file of each hand."""
+    plot: bool = True
+    """True for `angles.png`, which needs matplotlib."""
+    processes: int = 2
+    """Processes and threads that work at once."""
+
+    def __post_init__(self) -> None:
+        checked_seconds(self.smoothing)
+        if self.video is not None and self.video not in VIDEO_FORMATS:
+            raise ValueError(
+                f"Found motion.video={self.video}; expected {', '.join(VIDEO_FORMATS)} or null for none."
+            )
+        if self.processes < 1:
+            raise ValueError(f"Found motion.processes={self.processes}; expected 1 or more.")
