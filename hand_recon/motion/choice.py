@@ -15,11 +15,11 @@ from hand_recon.motion.poses import Poses
 
 ERRORS: Final = np.array([*5 * [np.deg2rad(10)], np.deg2rad(5), 0.005, 0.02])
 """Size of the change of an estimate while the hand is still: angles of each finger and rotation of the hand
-in radians, x / z and y / z, log depth. The 90th percentiles of two clips (decision 78)."""
+in radians, x / z and y / z, log depth. About the 90th percentiles of two clips (decision 78)."""
 
 SPEEDS: Final = np.array([*5 * [np.deg2rad(300)], np.deg2rad(250), 0.5, 0.4])
-"""Speed of a quick hand per second, in the same order: the 90th percentiles of two clips of living hands
-(decision 78)."""
+"""Speed of a quick hand per second, in the same order: about the 90th percentiles of two clips of living
+hands (decision 78)."""
 
 WEIGHT: Final = 2.0
 """Factor of the logarithms. A change of `ERRORS` costs 1.4, a finger that flips by 90° between frames 7.5."""
