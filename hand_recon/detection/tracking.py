@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from hand_recon.detection.detector import Detections
+from hand_recon.detection.landmark_noise import LandmarkNoise
 from hand_recon.detection.looks import Look
 from hand_recon.detection.mediapipe import MediaPipeDetector
 from hand_recon.detection.palms import Palm, overlaps
@@ -82,22 +83,26 @@ class HandTracker:
     found, and otherwise once in `palms_every` frames; not while `detector.max_hands` hands are followed.
     """
 
-    def __init__(self, detector: MediaPipeDetector, palms_every: int = PALMS_EVERY) -> None:
+    def __init__(
+        self, detector: MediaPipeDetector, palms_every: int = PALMS_EVERY, *, copies: int = 0
+    ) -> None:
         """Store the detector.
 
         Args:
-            detector: Networks, thresholds and largest number of hands, as for photographs. Its `copies` are
-                read for followed hands, too.
+            detector: Networks, thresholds and largest number of hands, as for photographs.
             palms_every: Frames from one search for palms to the next while hands are followed; 1 for a
                 search in every frame, as MediaPipe does while fewer hands than `max_hands` are followed.
+            copies: Number of transformed copies of a hand that are read for σ and averaged, 0 to 8, in place
+                of the detector's own number, which is for photographs.
 
         Raises:
-            ValueError: The number of frames is not positive.
+            ValueError: The number of frames is not positive, or there are not so many copies.
         """
         if palms_every < 1:
             raise ValueError(f"Expected palms_every of at least 1 frame, found {palms_every}.")
         self.detector = detector
         self.palms_every = palms_every
+        self.noise = LandmarkNoise(copies)
 
     def __call__(
         self, image: UInt8[np.ndarray, "height width 3"], state: TrackerState | None = None
@@ -135,7 +140,7 @@ class HandTracker:
             after_loss = 0
         look.sort()
         regions = tuple(region_of_landmarks(reading.landmarks_2d) for reading in look.readings)
-        detections = look.detections(partial(self.detector.noise, self.detector.read_hand, image))
+        detections = look.detections(partial(self.noise, self.detector.read_hand, image))
         return detections, TrackerState(regions, since_search, after_loss)
 
     def _is_complete(self, followed: int) -> bool:

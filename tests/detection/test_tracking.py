@@ -19,7 +19,7 @@ def tracked(
     frames: list[list[MovingHand]], palms_every: int = 10, **options: float
 ) -> tuple[list[tuple[DetectedHand, ...]], list[int], list[tuple[str, ...]]]:
     """Hands of every frame, the frames in which palms were looked for, and what was dropped."""
-    detector = MediaPipeDetector(copies=0, padding=1, **options)  # type: ignore[arg-type]  # each test's own
+    detector = MediaPipeDetector(padding=1, **options)  # type: ignore[arg-type]  # each test's own
     tracker = HandTracker(detector, palms_every)
     found, searched, dropped = [], [], []
     state = None
@@ -94,7 +94,7 @@ def test_a_followed_hand_has_no_palm_score() -> None:
 
 
 def test_the_palm_of_a_followed_hand_is_not_read() -> None:
-    detector, reads = MediaPipeDetector(copies=0, padding=1), ReadsMovingHands([STILL])
+    detector, reads = MediaPipeDetector(padding=1), ReadsMovingHands([STILL])
     palms = MovingPalms([STILL])
     vars(detector).update(find_palms=palms, read_hand=reads)
     tracker, state = HandTracker(detector, palms_every=1), None
@@ -129,7 +129,7 @@ def test_hands_are_in_the_order_of_their_presence() -> None:
 def test_a_clip_continued_from_a_written_state_is_the_clip() -> None:
     path = [[MovingHand(100 + 7.3 * step, 200 + step / 3)] for step in range(8)]
     whole = tracked(path, palms_every=3)[0]
-    detector = MediaPipeDetector(copies=0, padding=1)
+    detector = MediaPipeDetector(padding=1)
     written = TrackerState().to_json()
     for hands, expected in zip(path, whole, strict=True):
         vars(detector).update(find_palms=MovingPalms(hands), read_hand=ReadsMovingHands(hands))
@@ -193,7 +193,7 @@ def test_the_square_of_the_next_frame_is_that_of_the_networks_landmarks(
 
 
 def test_a_copy_averages_followed_hands_too(models: Path, one_hand: np.ndarray) -> None:
-    tracker = HandTracker(MediaPipeDetector(models=models, copies=1))
+    tracker = HandTracker(MediaPipeDetector(models=models), copies=1)
     _, state = tracker(one_hand)
     (hand,) = tracker(one_hand, state)[0].hands
     first: HandReading = tracker.detector.read_hand(one_hand, state.regions[0])
