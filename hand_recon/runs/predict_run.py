@@ -71,7 +71,7 @@ def predict(config: DictConfig) -> dict[str, Any]:
     video = _video(inputs, config.motion.fps)
     if video is not None:
         with video:
-            return predict_clip(config, video)
+            return predict_clip(config, video, inputs[0])
     files = _without_results(photo_files(inputs), config.output)
     if not files:
         raise ValueError(

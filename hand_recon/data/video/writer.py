@@ -25,8 +25,8 @@ CODECS: Final[dict[str, tuple[str, ...]]] = {
     ".mp4": ("mp4v",),
     ".avi": ("MJPG",),
 }
-"""Codecs of each suffix, by preference (decision 79). Browsers play WebM, and no MP4 with `mp4v`, which players
-do."""
+"""Codecs of each suffix, by preference (decision 79). Browsers play WebM, and no MP4 with `mp4v`, which
+players do."""
 
 _NAMES: Final = {"VP90": "VP9", "VP80": "VP8", "mp4v": "MPEG-4", "MJPG": "Motion JPEG"}
 

@@ -52,15 +52,22 @@ from hand_recon.runs.unfinished import (
 
 logger = logging.getLogger(__name__)
 
-_FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path", "input")
+MOST_SAID: Final = 5
+"""Hands that are left out, each of which is said."""
+
+LEAST_AGREEMENT: Final = 0.9
+"""Share of the frames in which a hand has its side, below which a warning says so."""
+
+_FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path")
 
 
-def predict_clip(config: DictConfig, source: FrameSource) -> dict[str, Any]:
+def predict_clip(config: DictConfig, source: FrameSource, word: str) -> dict[str, Any]:
     """Reconstruct the hands of a video file or a sequence of images.
 
     Args:
         config: `conf/predict.yaml` composed and adapted.
         source: The frames.
+        word: Word of the command line that named them.
 
     Returns:
         Numbers of frames, hands, hands in frames, and frames per second.
@@ -71,6 +78,7 @@ def predict_clip(config: DictConfig, source: FrameSource) -> dict[str, Any]:
     config, network = with_network(config)
     folder = results_folder(config)
     settings = settings_of(config, _FILES)
+    settings["video"] = file_state(Path(word))
     if config.ckpt is not None:
         settings["files"]["ckpt"] = file_state(checkpoint_file(config.ckpt))
     claim_or_resume(folder, (*CLIP_PRODUCTS, "config.yaml"), settings)
@@ -102,7 +110,8 @@ class _ClipRun:
         detector = build_detector(self.config)
         with self._timed("find"):
             look = None if self.network is None else looker(self.network, self._camera(1))
-            finding = Finding(self.source, follower(detector, self.options.palms_every), look)
+            follow = follower(detector, self.options.palms_every, self.options.copies)
+            finding = Finding(self.source, follow, look)
             frames = finding.into(self.unfinished / "frames.jsonl")
         if not frames:
             raise VideoError(f"{self.source.name} has no frame. Give another video.")
@@ -112,7 +121,7 @@ class _ClipRun:
             frames,
             identities.tracks,
             self._camera(len(frames)),
-            name=self.source.name,
+            name=Path(self.source.name).name,
             origin=origin,
         )
         motions: list[HandMotion] = []
@@ -138,6 +147,7 @@ class _ClipRun:
                 f"No hand was found in the {len(frames)} frames of {self.source.name}. A hand that is there "
                 "may be too small, cut off or blurred; detector.min_palm_score=0.3 looks less strictly."
             )
+        _say_doubts(found)
         return found
 
     def _camera(self, frames: int) -> CameraChoice:
@@ -200,6 +210,21 @@ class _ClipRun:
         start = time.perf_counter()
         yield
         self.seconds[stage] = time.perf_counter() - start
+
+
+def _say_doubts(found: Identities) -> None:
+    """Say which hands were left out, and which may be two that were mixed up."""
+    for sentence in found.dropped[:MOST_SAID]:
+        logger.info("%s", sentence)
+    if len(found.dropped) > MOST_SAID:
+        logger.info("%d more hands are left out, for such reasons.", len(found.dropped) - MOST_SAID)
+    for track in found.tracks:
+        if track.agreement < LEAST_AGREEMENT:
+            logger.warning(
+                "Hand %d is taken for a %s one, as in %.0f %% of its frames; in the others it was found to be of "
+                "the other side. Two hands may have been mixed up there.",
+                track.number, track.side, 100 * track.agreement,
+            )  # fmt: skip
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> None:

@@ -37,15 +37,16 @@ Look = Callable[
 """From a frame and its hands to the hands with landmarks and a network's estimate."""
 
 
-def follower(detector: Detector, palms_every: int) -> Follow:
+def follower(detector: Detector, palms_every: int, copies: int) -> Follow:
     """Function that finds the hands of successive frames.
 
     Args:
         detector: MediaPipe's, which follows hands from frame to frame, or any other one.
         palms_every: Frames between searches for palms while hands are followed.
+        copies: Transformed copies of a followed hand's crop that are read for σ.
     """
     if isinstance(detector, MediaPipeDetector):
-        return HandTracker(detector, palms_every)
+        return HandTracker(detector, palms_every, copies=copies)
 
     def alone(pixels: Pixels, state: TrackerState) -> tuple[Detections, TrackerState]:
         return detector(pixels, None), state

@@ -30,7 +30,7 @@ class FoundFrame:
     hands: tuple[DetectedHand, ...]
     """Hands that were found."""
     state: TrackerState
-    """What the tracker knows after this frame."""
+    """State of the tracker after this frame."""
     estimate: HandEstimate | None = None
     """A network's estimate of each hand, σ in pixels; None without a network or without hands."""
 

@@ -25,6 +25,9 @@ class MotionOptions:
     """Longest time without the hand that is bridged, seconds."""
     palms_every: int = PALMS_EVERY
     """Frames between searches for further hands while hands are followed (decision 80)."""
+    copies: int = 0
+    """Transformed copies of each hand's crop that are read for σ, as `detector.copies` of photographs
+    (decision 80)."""
     fps: float | None = None
     """Frames per second of a folder or pattern of images, which makes it a video; None for photographs."""
     video: str | None = "webm"

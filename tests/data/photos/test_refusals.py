@@ -91,7 +91,7 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, suffix: str, share: f
 
 REFUSED = {
     "empty": (b"", "empty .0 bytes.*download it again"),
-    "mp4": (b"\0\0\0\x18ftypisom\0\0\2\0isomiso2avc1mp41", "video.*not read yet.*single frames"),
+    "mp4": (b"\0\0\0\x18ftypisom\0\0\2\0isomiso2avc1mp41", "video.*given alone"),
     "mov": (b"\0\0\0\x14ftypqt  \0\0\2\0qt  ", "video"),
     "old mov": (b"\0\0\0\x08wide\0\0\1\0mdat", "video"),
     "mkv": (b"\x1aE\xdf\xa3\x01\0\0\0", "video"),
