@@ -3,7 +3,7 @@
 import copy
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,7 +17,7 @@ from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.minima import Minima
 from hand_recon.fitting.second_order.prior_terms import without_second_derivatives
-from hand_recon.fitting.second_order.solver import SecondOrder
+from hand_recon.fitting.second_order.solver import ROUNDS, Round, SecondOrder
 from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandParameters, HandPrediction
@@ -149,6 +149,7 @@ def fit_minima(
     *,
     descent: Descent,
     further: Callable[[Observation], Start] | None = None,
+    rounds: Sequence[Round] = ROUNDS,
 ) -> Minima:
     """Fit every hand from several starts, and keep all results that differ.
 
@@ -157,6 +158,7 @@ def fit_minima(
         objective: The loss to minimize.
         descent: Settings of the optimizer.
         further: Function that makes more starts per hand.
+        rounds: Selection of the starts.
 
     Raises:
         ValueError: The second-order solver cannot minimize this loss.
@@ -174,7 +176,8 @@ def fit_minima(
     for first in range(0, len(observation), size):
         piece = observation[first : first + size]
         palms = _closed_form(piece, objective.hand, descent.starts) if descent.starts else None
-        parts.append(solver.minima(piece, palms, None if further is None else further(piece)))
+        more = None if further is None else further(piece)
+        parts.append(solver.minima(piece, palms, more, rounds))
     return Minima.join(parts)
 
 

@@ -93,9 +93,7 @@ def _panel(
     return panel
 
 
-def _put(
-    sheet: Canvas, strip: UInt8[np.ndarray, "rows columns 3"], bottom: int, left: int
-) -> None:
+def _put(sheet: Canvas, strip: UInt8[np.ndarray, "rows columns 3"], bottom: int, left: int) -> None:
     """Write a strip of text into the lower left corner of the panels."""
     strip = strip[:, : sheet.shape[1] - left]
     height, width, _ = strip.shape

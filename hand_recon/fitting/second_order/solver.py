@@ -1,5 +1,6 @@
 """Second-order fit of a batch of hands: starts, their selection, and the last steps (Sec. 3.4)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Self, cast
 
@@ -53,6 +54,9 @@ class Round:
 
 ROUNDS: Final = (Round(8, 2), Round(3, 3, look_up=True), Round(4, 4))
 """Selection of the starts, with centred angles; those after the last round stand for all minima."""
+
+QUICK: Final = (Round(2, 3),)
+"""Selection among few starts, of which one is near the hand, such as that of the frame before."""
 
 FINAL: Final = Round(2, 3)
 """Selection of one start among them."""
@@ -119,7 +123,11 @@ class SecondOrder:
 
     @torch.no_grad()
     def minima(
-        self, observation: Observation, palms: Start | None, further: Start | None
+        self,
+        observation: Observation,
+        palms: Start | None,
+        further: Start | None,
+        rounds: Sequence[Round] = ROUNDS,
     ) -> Minima:
         """Fit every hand of a batch from several starts, and keep all results that differ.
 
@@ -127,13 +135,15 @@ class SecondOrder:
             observation: The landmarks.
             palms: Placements of the palm, as for the call.
             further: Starts, as for the call.
+            rounds: Selection of the starts; `QUICK` if one of them is near the hand.
 
         Returns:
             Minima of each hand, the one of least loss first.
         """
         centred, plain = self._problems(observation)
         hands = len(observation)
-        several = self._selected(centred, self._starts(centred, palms, further), different=True)
+        start = self._starts(centred, palms, further)
+        several = self._selected(centred, start, rounds, different=True)
         count = len(several.damping) // max(hands, 1)
         rows = rows_of(hands, hands * count)
         of_each, plainly = centred[rows], plain[rows]
@@ -213,11 +223,18 @@ class SecondOrder:
             found.append(Unknowns.of_start(further.flat(), several.observation.intrinsics))
         return Unknowns.beside(found, hands)
 
-    def _selected(self, problem: Problem, start: Unknowns, *, different: bool = False) -> Reached:
+    def _selected(
+        self,
+        problem: Problem,
+        start: Unknowns,
+        rounds: Sequence[Round] = ROUNDS,
+        *,
+        different: bool = False,
+    ) -> Reached:
         """The best starts of each hand after the rounds, or the best that differ, behind each other."""
         hands = len(problem.target)
         here = Reached.at(problem[rows_of(hands, len(start))], start)
-        for of_round in ROUNDS:
+        for of_round in rounds:
             if different:
                 here = here[unlike(problem, here, of_round.starts)]
             here = self._advanced(problem, here, of_round)

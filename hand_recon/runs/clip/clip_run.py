@@ -221,8 +221,8 @@ def _say_doubts(found: Identities) -> None:
     for track in found.tracks:
         if track.agreement < LEAST_AGREEMENT:
             logger.warning(
-                "Hand %d is taken for a %s one, as in %.0f %% of its frames; in the others it was found to be "
-                "of the other side. Two hands may have been mixed up there.",
+                "Hand %d is taken for a %s one, as in %.0f %% of its frames; in the others it was found to "
+                "be of the other side. Two hands may have been mixed up there.",
                 track.number, track.side, 100 * track.agreement,
             )  # fmt: skip
 
