@@ -21,6 +21,7 @@ from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.runs.clip.clip_run import predict_clip
+from hand_recon.runs.clip.live_run import predict_live
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
 from hand_recon.runs.fit_run import adapted_to_data, refuse_doubts, source_of
 from hand_recon.runs.fitters import build_fitter, fitter_of
@@ -71,7 +72,11 @@ def predict(config: DictConfig) -> dict[str, Any]:
     video = _video(inputs, config.motion.fps)
     if video is not None:
         with video:
-            return predict_clip(config, video, inputs[0])
+            return (
+                predict_live(config, video)
+                if video.is_live
+                else predict_clip(config, video, inputs[0])
+            )
     files = _without_results(photo_files(inputs), config.output)
     if not files:
         raise ValueError(

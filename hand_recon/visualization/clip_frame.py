@@ -57,12 +57,14 @@ def draw_clip_frame(
         hands: Its hands by their numbers.
         faces: Triangles of the mesh, in either winding.
         layout: The panels beside it.
-        caption: Text below the panels, such as the time.
+        caption: Text below the panels, such as the time; on the frame if there are none.
     """
     canvas = draw_hands(pixels, list(hands.values()), faces, CLIP_STYLE)
-    if not layout.shown:
-        return canvas
     height, width, _ = canvas.shape
+    if not layout.shown:
+        if caption:
+            _put(canvas, text_strip(caption, _TEXT), height, 0)
+        return canvas
     side = int(np.clip(height // len(layout.shown) - _TEXT, *_PANEL))
     tall = max(height, side * len(layout.shown))
     sheet = np.full((tall, width + side, 3), 255, dtype=np.uint8)

@@ -77,7 +77,7 @@ def interrupted(config: DictConfig, place: Any, name: str, call: int) -> None:  
         pytest.param((ScriptedDetector, "__call__", 1), marks=pytest.mark.slow),
         (ScriptedDetector, "__call__", 8),
         pytest.param((ScriptedDetector, "__call__", FRAMES), marks=pytest.mark.slow),
-        pytest.param((fitting, "_shape", 2), marks=pytest.mark.slow),
+        pytest.param((fitting, "shape_of_hands", 2), marks=pytest.mark.slow),
         (fitting, "_fit_to_file", 2),
         pytest.param((clip_run, "motion_of", 2), marks=pytest.mark.slow),
         pytest.param((results, "hand_entries", 1), marks=pytest.mark.slow),

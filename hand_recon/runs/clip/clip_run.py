@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
@@ -129,9 +130,16 @@ class _ClipRun:
         with self._timed("fit"):
             fits = fit_clip(self.config, hands, self.unfinished, self.options.processes)
             for hand, shape, estimates in fits:
+                if not np.isfinite(estimates.cost).any():
+                    logger.warning(
+                        "Hand %d is left out: no frame of it was fitted.", hand.track.number
+                    )
+                    continue
                 motion = motion_of(hand.track, shape, estimates, frames, self.options.smoothing)
                 motions.append(motion)
                 smoothed.append(SmoothedHand(hand, motion.smooth))
+        if not motions:
+            raise ValueError(f"No hand of {self.source.name} was fitted. Look at its frames.")
         return self._written(frames, identities, motions, smoothed)
 
     def _identities(self, frames: Sequence[FoundFrame]) -> Identities:

@@ -99,13 +99,20 @@ def _shapes(config: DictConfig, hands: Sequence[HandOfClip], folder: Path) -> li
         path = folder / f"shape of hand {some[0].track.number}.npy"
         if not path.exists():
             batch = HandBatch.join([hands_of_person(hand.landmarks) for hand in some])
-            _write(path, np.asarray(_shape(config, batch)))
+            _write(path, np.asarray(shape_of_hands(config, batch)))
         found += [torch.from_numpy(np.load(path))] * len(some)
     return found
 
 
-def _shape(config: DictConfig, hands: HandBatch) -> Tensor:
-    """Shape of hands of one person, standard deviations."""
+def shape_of_hands(config: DictConfig, hands: HandBatch) -> Tensor:
+    """Shape of hands of one person, standard deviations; the mean one without any hand.
+
+    Args:
+        config: `conf/predict.yaml` composed and adapted.
+        hands: The hands, in crops of 224 pixels.
+    """
+    if not len(hands):
+        return torch.zeros(10)
     hand = build_hand(config)
     fitter = build_fitter(config, hand)
     if len(hands) == 1:

@@ -52,6 +52,7 @@ def hands_of_clip(
     *,
     name: str,
     origin: Origin,
+    camera: PhotoCamera | None = None,
 ) -> list[HandOfClip]:
     """Collect the landmarks of each hand.
 
@@ -61,12 +62,14 @@ def hands_of_clip(
         choice: Rule by which the camera is determined.
         name: Name of the clip.
         origin: What all hands have in common.
+        camera: Camera of all frames, if it is known already and not of a file.
 
     Raises:
         ValueError: As of `camera_of_clip`; or the camera is of another size.
     """
     by_number = {frame.number: frame for frame in frames}
-    camera = None if choice.cameras is not None else camera_of_clip(frames, choice)
+    if camera is None and choice.cameras is None:
+        camera = camera_of_clip(frames, choice)
     found = []
     for track in tracks:
         looked = [

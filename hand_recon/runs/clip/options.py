@@ -21,6 +21,8 @@ class MotionOptions:
 
     smoothing: float = DEFAULT_SECONDS
     """Time over which the motion of a typical hand is averaged, seconds; 0 for none (decision 78)."""
+    live_smoothing: float = 0.06
+    """The same for a camera or a stream, whose later frames are not known (decision 78)."""
     longest_gap: float = DEFAULT.longest_gap
     """Longest time without the hand that is bridged, seconds."""
     palms_every: int = PALMS_EVERY
@@ -40,11 +42,14 @@ class MotionOptions:
     """True for a BVH file of each hand."""
     plot: bool = True
     """True for `angles.png`, which needs matplotlib."""
+    limit: float | None = None
+    """Time after which a camera or a stream is left, seconds; None for no limit."""
     processes: int = 2
     """Processes and threads that work at once."""
 
     def __post_init__(self) -> None:
         checked_seconds(self.smoothing)
+        checked_seconds(self.live_smoothing)
         if self.video is not None and self.video not in VIDEO_FORMATS:
             raise ValueError(
                 f"Found motion.video={self.video}; expected {', '.join(VIDEO_FORMATS)} or null for none."

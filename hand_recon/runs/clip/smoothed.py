@@ -50,6 +50,8 @@ class ClipPoses:
     """Settings of the optimizer, for the stage of the data term in which it ends."""
     sigma_at_half_confidence: float
     """σ at confidence ½, pixels of a 224-pixel crop."""
+    with_covariance: bool = True
+    """True for the covariances of landmarks, which take most of the time."""
 
     @torch.no_grad()
     def __call__(
@@ -87,6 +89,8 @@ class ClipPoses:
             last = last_stage(self.objective.data_term, seen, self.descent)
             objective = replace(self.objective, data_term=last)
             found = objective(parameters, seen)
+            if not self.with_covariance:
+                return found
             solver = SecondOrder.of(objective, finger_table=False)
             covariance = solver.covariance_at(seen, parameters)
             return replace(found, prediction=replace(found.prediction, covariance_3d=covariance))

@@ -1,0 +1,203 @@
+"""Hands of a live video: each frame is fitted from the poses of the frame before, and smoothed forward."""
+
+import logging
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+from torch import Tensor
+
+from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.fitting.descent import fit_minima
+from hand_recon.fitting.observation import Observation, observed
+from hand_recon.fitting.origin import Origin
+from hand_recon.fitting.photo_camera import CameraChoice, PhotoCamera
+from hand_recon.fitting.second_order.minima import Minima
+from hand_recon.fitting.second_order.solver import QUICK
+from hand_recon.fitting.start import Start
+from hand_recon.motion.bridging import trajectory_of
+from hand_recon.motion.certainty import certainty_of
+from hand_recon.motion.estimates import FrameEstimates
+from hand_recon.motion.filtering import LiveFilter
+from hand_recon.motion.identity import Track
+from hand_recon.motion.identity_settings import IdentitySettings
+from hand_recon.motion.identity_steps import FrameHands, IdentityState, advance
+from hand_recon.runs.clip.fitting import shape_of_hands
+from hand_recon.runs.clip.found_frames import FoundFrame
+from hand_recon.runs.clip.hands_of_clip import HandOfClip, camera_of_clip, hands_of_clip
+from hand_recon.runs.clip.smoothed import SmoothedHand
+from hand_recon.runs.configuration import build_hand, instantiate
+from hand_recon.runs.fitters import build_objective, further_starts
+from hand_recon.schema import HandBatch
+
+logger = logging.getLogger(__name__)
+
+SHAPE_FROM: Final = 40
+"""Hands from which the shape is estimated, which all hands share; until then it is the mean one."""
+
+WORTH_SHOWING: Final = 3
+"""Frames in which a hand must have been seen to be shown: false detections last for a frame or two."""
+
+
+@dataclass
+class _LiveHand:
+    """A hand that is followed."""
+
+    motion: LiveFilter
+    last: Start
+    frames: int = 0
+
+
+class _LiveFit:
+    """Fit of hands of one shape, which is estimated from the first hands in a thread of its own."""
+
+    def __init__(self, config: DictConfig) -> None:
+        self.config = config
+        self.descent = instantiate(config.descent)
+        self.thread = ThreadPoolExecutor(1)
+        self.gathered: list[HandBatch] = []
+        self.estimated: Future[Tensor] | None = None
+        self._take(torch.zeros(10))
+
+    def _take(self, shape: Tensor) -> None:
+        self.shape = shape
+        self.hand = build_hand(self.config).of_shape(shape)
+        self.objective = build_objective(self.config, self.hand)
+        self.further = further_starts(self.config, self.hand)
+
+    def __call__(self, batch: HandBatch, last: list[Start | None]) -> Minima:
+        """Minima of the hands of a frame.
+
+        Args:
+            batch: The hands.
+            last: Pose of each in the frame before; None for a new one.
+        """
+        self._follow_shape(batch)
+        seen = observed(batch, self.config.sigma_at_half_confidence)
+        before = [start for start in last if start is not None]
+        if len(before) < len(last):
+            return fit_minima(seen, self.objective, descent=self.descent, further=self.further)
+
+        def starts(observation: Observation) -> Start:
+            found = [_stacked(before)]
+            if self.further is not None:
+                found.append(self.further(observation))
+            return Start.beside(found)
+
+        near = replace(self.descent, starts=0)
+        return fit_minima(seen, self.objective, descent=near, further=starts, rounds=QUICK)
+
+    def _follow_shape(self, batch: HandBatch) -> None:
+        """Gather hands, have their shape estimated once there are enough, and take it when it is known."""
+        if self.estimated is None:
+            self.gathered.append(batch)
+            if sum(len(part) for part in self.gathered) >= SHAPE_FROM:
+                some = HandBatch.join(self.gathered)
+                self.estimated = self.thread.submit(shape_of_hands, self.config, some)
+                self.gathered = []
+        elif self.estimated.done() and not self.shape.any():
+            self._take(self.estimated.result())
+
+
+class LiveHands:
+    """Hands of successive frames of a camera or a stream."""
+
+    def __init__(
+        self, config: DictConfig, choice: CameraChoice, origin: Origin, seconds: float
+    ) -> None:
+        """Prepare the fit.
+
+        Args:
+            config: `conf/predict.yaml` composed and adapted.
+            choice: Rule by which the camera is determined; it is determined once.
+            origin: What all hands have in common.
+            seconds: Strength of smoothing, seconds.
+        """
+        self.choice, self.origin, self.seconds = choice, origin, seconds
+        self.settings = IdentitySettings(longest_gap=config.motion.longest_gap)
+        self.fit = _LiveFit(config)
+        self.identity = IdentityState()
+        self.hands: dict[int, _LiveHand] = {}
+        self.camera: PhotoCamera | None = None
+
+    def __call__(self, frame: FoundFrame, name: str) -> list[SmoothedHand]:
+        """Hands of the next frame, each with the motion of this frame alone.
+
+        Args:
+            frame: Hands that were found.
+            name: Name of the source.
+
+        Raises:
+            ValueError: The camera cannot be determined, or the times do not increase.
+        """
+        seen = FrameHands(frame.number, frame.time, frame.hands)
+        self.identity, numbers = advance(self.identity, seen, self.settings)
+        tracks = [
+            self._track(place, number, frame) for place, number in enumerate(numbers) if number
+        ]
+        if not tracks:
+            return []
+        if self.camera is None and self.choice.cameras is None:
+            self.camera = camera_of_clip([frame], self.choice)
+        found = hands_of_clip(
+            [frame], tracks, self.choice, name=name, origin=self.origin, camera=self.camera
+        )
+        found = [hand for hand in found if bool(hand.landmarks.usable.all())]
+        if not found:
+            return []
+        batch = HandBatch.join([to_crops(hand.landmarks).batch for hand in found])
+        known = [self.hands.get(hand.track.number) for hand in found]
+        minima = self.fit(batch, [None if one is None else one.last for one in known])
+        smoothed = [self._smoothed(hand, minima, row) for row, hand in enumerate(found)]
+        return [one for one in smoothed if self.hands[one.motion.hand].frames >= WORTH_SHOWING]
+
+    def _track(self, place: int, number: int, frame: FoundFrame) -> Track:
+        return Track(
+            number=number,
+            side=self.identity.hand(number).side,
+            agreement=1.0,
+            mean_score=None,
+            frames=np.array([frame.number]),
+            times=np.array([frame.time]),
+            detections=np.array([place]),
+            gaps=(),
+        )
+
+    def _smoothed(self, hand: HandOfClip, minima: Minima, row: int) -> SmoothedHand:
+        """The next pose of a hand."""
+        track = hand.track
+        here = minima.parameters.select(slice(row, row + 1))
+        estimates = FrameEstimates(
+            frames=track.frames,
+            times=track.times,
+            joint_angles=here.joint_angles.double().numpy(),
+            root_rotation=here.root_rotation.double().numpy(),
+            place=minima.place[row : row + 1].double().numpy(),
+            certainty=certainty_of(minima.information[row : row + 1].double().numpy()),
+            cost=minima.cost[row : row + 1].double().numpy(),
+        )
+        last = Start(
+            here.joint_angles[:, :1],
+            here.root_rotation[:, :1],
+            here.translation[:, :1],
+            here.shape[:, :1],
+        )
+        known = self.hands.setdefault(track.number, _LiveHand(LiveFilter(self.seconds), last))
+        known.last, known.frames = last, known.frames + 1
+        poses = known.motion.update(estimates)
+        shape = self.fit.shape.double().numpy()
+        motion = trajectory_of(poses, hand=track.number, side=track.side, shape=shape)
+        return SmoothedHand(hand, motion)
+
+
+def _stacked(starts: list[Start]) -> Start:
+    """Starts of several hands, one each, as a batch."""
+    return Start(
+        torch.cat([start.joint_angles for start in starts]),
+        torch.cat([start.root_rotation for start in starts]),
+        torch.cat([start.translation for start in starts]),
+        torch.cat([start.shape for start in starts]),
+    )
