@@ -18,6 +18,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.natural_pose import NaturalPoseTerm
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import NonPenetrationTerm, RangeOfMotionTerm, ShapeTerm
+from hand_recon.schema import HandParameters
 from hand_recon.uncertainty import NegativeLogLikelihood
 from tests.fitting.second_order.hands import double_hand, random_cameras, random_unknowns
 from tests.support.views import known_hands, views
@@ -139,8 +140,10 @@ def test_a_loss_without_second_derivatives_is_refused(hand: HandModel) -> None:
     class Odd(NaturalPoseTerm):
         """A term of a kind that the solver does not know."""
 
-        def forward(self, *arguments: torch.Tensor, **named: torch.Tensor) -> torch.Tensor:
-            return super().forward(*arguments, **named) ** 2
+        def forward(
+            self, parameters: HandParameters, vertices: torch.Tensor | None
+        ) -> torch.Tensor:
+            return super().forward(parameters, vertices) ** 2
 
     odd = Objective(hand, Prior({"odd": Odd(hand)}), NegativeLogLikelihood())
     seen = observed(views(hand, known_hands(hand, 1)))
