@@ -2,12 +2,13 @@
 
 import logging
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -88,7 +89,24 @@ def _pool(processes: int) -> AbstractContextManager[ProcessPoolExecutor | None]:
     if processes < 2:
         return nullcontext()
     # A fork of a process whose torch has run threads may hang.
-    return ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+    context = get_context("spawn")
+    return ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent)
+
+
+def _end_with_parent() -> None:
+    """End this process with the one that started it, which a kill may end.
+
+    Otherwise it would stay for ever, and write into the folder of the command that goes on.
+    """
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def end() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _shapes(config: DictConfig, hands: Sequence[HandOfClip], folder: Path) -> list[Tensor]:
@@ -141,9 +159,15 @@ def _pieces(hand: HandOfClip, shape: Tensor, folder: Path) -> list[_Piece]:
 
 
 def _estimates(hand: HandOfClip, pieces: Sequence[_Piece]) -> FrameEstimates:
-    read = [np.load(piece.path) for piece in pieces]
+    read = [_read(piece.path) for piece in pieces]
     columns = {name: np.concatenate([one[name] for one in read]) for name in _FIELDS}
     return FrameEstimates(frames=hand.track.frames, times=hand.track.times, **columns)
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    """Arrays of a file, which is closed: a long clip has more pieces than a process may have open files."""
+    with np.load(path) as content:
+        return {name: content[name] for name in _FIELDS}
 
 
 def _fit_to_file(config: str, piece: _Piece) -> None:
