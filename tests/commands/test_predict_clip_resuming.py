@@ -11,7 +11,10 @@ from omegaconf import DictConfig
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.runs.clip import clip_run, drawing, fitting, results
+from hand_recon.runs.clip.found_frames import FoundFrame, whole_lines
 from hand_recon.runs.predict_run import predict
+from tests.support.photo_checkpoint import write_networks
+from tests.support.photo_folder import read
 from tests.support.scripted_clip import (
     FRAMES,
     ScriptedDetector,
@@ -147,3 +150,25 @@ def test_another_video_of_the_same_name_does_not_go_on(
     clip.write_bytes(clip.read_bytes() + b"\0")
     with pytest.raises(FileExistsError, match="other video"):
         predict(asked(clip, tmp_path / "out"))
+
+
+def test_a_network_looks_at_every_frame_once(
+    hands: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An untrained network's hands are starts of the fit; what it saw is kept for the repeated command."""
+    runs = write_networks(tmp_path)
+    detector = detector_of(hands, monkeypatch)
+    clip, words = clip_file(tmp_path), (f"ckpt='{runs}/photos'", "seen_pose_weight=0")
+    predict(asked(clip, tmp_path / "whole", *words))
+    assert len(detector.calls) == FRAMES
+    config = asked(clip, tmp_path / "out", *words)
+    interrupted(config, ScriptedDetector, "__call__", 12)
+    frames = list(whole_lines(tmp_path / "out" / "unfinished" / "frames.jsonl"))
+    estimate = FoundFrame.from_line(frames[3]).estimate
+    assert estimate is not None
+    assert estimate.parameters.joint_angles.shape == (2, 15, 3)
+    predict(config)
+    written = read(tmp_path / "out")
+    assert written == read(tmp_path / "whole")
+    assert {entry["source"].split(" ")[0] for entry in written} == {"scripted,"}
+    assert all("checkpoint photos/checkpoints/best.ckpt" in entry["source"] for entry in written)
