@@ -33,4 +33,8 @@ def with_progress(items: Iterable[Item], total: int, task: str) -> Iterator[Item
         now = time.monotonic()
         if now - spoken > SECONDS_BETWEEN_LINES:
             spoken = now
-            logger.info("%s: %d of %d, %.0f per second", task, done, total, done / (now - start))
+            rate = done / (now - start)
+            left = max(total - done, 0) / rate
+            logger.info(
+                "%s: %d of %d, %.3g per second, %.0f s to go", task, done, total, rate, left
+            )

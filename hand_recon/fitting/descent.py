@@ -163,12 +163,7 @@ def fit_minima(
     Raises:
         ValueError: The second-order solver cannot minimize this loss.
     """
-    missing = _without_derivatives(objective)
-    if missing:
-        raise ValueError(
-            "Several minima need the second-order solver, which has no derivatives of "
-            f"{' and '.join(missing)}. Use prior=natural and hand=open, or fit every hand alone."
-        )
+    refuse_without_derivatives(objective)
     last = last_stage(objective.data_term, observation, descent)
     solver = SecondOrder.of(replace(objective, data_term=last), finger_table=descent.finger_table)
     size = max(1, descent.hands_at_once // max(descent.starts, 1))
@@ -179,6 +174,23 @@ def fit_minima(
         more = None if further is None else further(piece)
         parts.append(solver.minima(piece, palms, more, rounds))
     return Minima.join(parts)
+
+
+def refuse_without_derivatives(objective: Objective) -> None:
+    """Refuse a loss whose minima cannot be found.
+
+    Args:
+        objective: The loss.
+
+    Raises:
+        ValueError: The second-order solver cannot minimize it.
+    """
+    missing = _without_derivatives(objective)
+    if missing:
+        raise ValueError(
+            "Several minima need the second-order solver, which has no derivatives of "
+            f"{' and '.join(missing)}. Use prior=natural and hand=open, or fit every hand alone."
+        )
 
 
 def with_possible_solver(descent: Descent, objective: Objective) -> Descent:

@@ -11,11 +11,12 @@ class IdentitySettings:
     mean, some 5 cm at an open hand. Costs are negative logarithms of probabilities.
 
     Raises:
-        ValueError: A setting is not positive, or `least_score` is no share.
+        ValueError: A setting is not positive (`longest_gap` may be zero), or `least_score` is no share.
     """
 
     longest_gap: float = 0.5
-    """Longest time without a detection that is bridged, seconds: beyond it, a hand may have done anything."""
+    """Longest time without a detection that is bridged, seconds: beyond it, a hand may have done anything. 0
+    bridges nothing."""
     remember: float = 2.0
     """Time after which a hand that was not seen gets a new number, seconds: after so long, its place does not
     tell which of a person's two hands came back."""
@@ -52,7 +53,7 @@ class IdentitySettings:
                     raise ValueError(
                         f"Expected identity.least_score between 0 and 1, found {value:g}."
                     )
-            elif not value > 0:
+            elif not (value > 0 or (field.name == "longest_gap" and value == 0)):
                 raise ValueError(f"Expected identity.{field.name} above 0, found {value:g}.")
 
 

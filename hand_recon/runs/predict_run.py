@@ -72,11 +72,7 @@ def predict(config: DictConfig) -> dict[str, Any]:
     video = _video(inputs, config.motion.fps)
     if video is not None:
         with video:
-            return (
-                predict_live(config, video)
-                if video.is_live
-                else predict_clip(config, video, inputs[0])
-            )
+            return _predict_video(config, video, inputs[0])
     files = _without_results(photo_files(inputs), config.output)
     if not files:
         raise ValueError(
@@ -95,6 +91,14 @@ def predict(config: DictConfig) -> dict[str, Any]:
         summary = _to_folder(stages, config)
     _check(summary, strict=config.strict)
     return summary
+
+
+def _predict_video(config: DictConfig, video: FrameSource, word: str) -> dict[str, Any]:
+    """Reconstruct the hands of a video or a camera; with strict, none of those that were seen is doubtful."""
+    found = predict_live(config, video) if video.is_live else predict_clip(config, video, word)
+    if config.strict:
+        refuse_doubts(found)
+    return found
 
 
 def _inputs(config: DictConfig) -> list[str]:

@@ -20,6 +20,7 @@ from hand_recon.hand.model import HandModel
 from hand_recon.motion.identity import Identities, identify
 from hand_recon.motion.identity_settings import IdentitySettings
 from hand_recon.motion.identity_steps import FrameHands
+from hand_recon.runs.clip.checks import check_clip
 from hand_recon.runs.clip.drawing import draw_video, layout_of
 from hand_recon.runs.clip.finding import Finding, follower, looker
 from hand_recon.runs.clip.fitting import fit_clip
@@ -74,9 +75,10 @@ def predict_clip(config: DictConfig, source: FrameSource, word: str) -> dict[str
         Numbers of frames, hands, hands in frames, and frames per second.
 
     Raises:
-        ValueError: The video cannot be read, or has no hand.
+        ValueError: The video cannot be read, has no hand, or an option is not for videos.
     """
     config, network = with_network(config)
+    check_clip(config)
     folder = results_folder(config)
     settings = settings_of(config, _FILES)
     settings["video"] = file_state(Path(word))
@@ -110,7 +112,7 @@ class _ClipRun:
         """Run all stages, and sum up."""
         detector = build_detector(self.config)
         with self._timed("find"):
-            look = None if self.network is None else looker(self.network, self._camera(1))
+            look = None if self.network is None else looker(self.network, self._camera())
             follow = follower(detector, self.options.palms_every, self.options.copies)
             finding = Finding(self.source, follow, look)
             frames = finding.into(self.unfinished / "frames.jsonl")
@@ -121,7 +123,7 @@ class _ClipRun:
         hands = hands_of_clip(
             frames,
             identities.tracks,
-            self._camera(len(frames)),
+            self._camera(),
             name=Path(self.source.name).name,
             origin=origin,
         )
@@ -150,16 +152,22 @@ class _ClipRun:
         """
         seen = [FrameHands(one.number, one.time, one.hands) for one in frames]
         found = identify(seen, IdentitySettings(longest_gap=self.options.longest_gap))
+        _say_doubts(found)
+        if not found.tracks and found.dropped:
+            raise ValueError(
+                f"No hand of {self.source.name} is left: each is taken for a false detection, for the reasons "
+                "above. Give a longer clip, or take its frames as photographs."
+            )
         if not found.tracks:
             raise ValueError(
                 f"No hand was found in the {len(frames)} frames of {self.source.name}. A hand that is there "
                 "may be too small, cut off or blurred; detector.min_palm_score=0.3 looks less strictly."
             )
-        _say_doubts(found)
         return found
 
-    def _camera(self, frames: int) -> CameraChoice:
-        return parse_camera(str(self.config.camera), frames)
+    def _camera(self) -> CameraChoice:
+        """Rule for the one camera of all frames."""
+        return parse_camera(str(self.config.camera), 1)
 
     def _written(
         self,

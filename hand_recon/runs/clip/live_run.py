@@ -3,7 +3,7 @@
 import json
 import logging
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -19,6 +19,7 @@ from hand_recon.detection.tracking import TrackerState
 from hand_recon.fitting.drawing import drawn_hand
 from hand_recon.fitting.hands_file import hand_entries
 from hand_recon.fitting.photo_camera import parse_camera
+from hand_recon.runs.clip.checks import check_clip
 from hand_recon.runs.clip.finding import Follow, follower
 from hand_recon.runs.clip.found_frames import FoundFrame
 from hand_recon.runs.clip.live_hands import LiveHands
@@ -54,13 +55,15 @@ def predict_live(config: DictConfig, source: FrameSource) -> dict[str, Any]:
         Numbers of frames, hands in frames, and frames per second.
 
     Raises:
-        ValueError: The source gives no frame, or a network is asked for, which is for files.
+        ValueError: The source gives no frame, a network is asked for, which is for files, or another option is
+            not for cameras.
     """
     if config.ckpt is not None:
         raise ValueError(
             "ckpt=… is for photographs and video files: a network that looks at every frame is too slow for "
             "a camera. Leave ckpt out."
         )
+    check_clip(config)
     folder = results_folder(config)
     # Of this moment alone: nothing goes on where a camera was left.
     claim_or_resume(folder, (*CLIP_PRODUCTS, "config.yaml"), {"started": time.time()})
@@ -95,7 +98,7 @@ class _Live:
             config.sigma_at_half_confidence,
             with_covariance=False,
         )
-        self.counts: Counter[str] = Counter()
+        self.counts = counts_of(())
         self.frames = 0
 
     def run(self) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
+from hand_recon.detection.copies import COPIES
 from hand_recon.detection.tracking import PALMS_EVERY
 from hand_recon.motion.identity_settings import DEFAULT
 from hand_recon.motion.smoothing import DEFAULT_SECONDS, checked_seconds
@@ -24,7 +25,7 @@ class MotionOptions:
     live_smoothing: float = 0.06
     """The same for a camera or a stream, whose later frames are not known (decision 78)."""
     longest_gap: float = DEFAULT.longest_gap
-    """Longest time without the hand that is bridged, seconds."""
+    """Longest time without the hand that is bridged, seconds; 0 for none."""
     palms_every: int = PALMS_EVERY
     """Frames between searches for further hands while hands are followed (decision 80)."""
     copies: int = 0
@@ -50,9 +51,19 @@ class MotionOptions:
     def __post_init__(self) -> None:
         checked_seconds(self.smoothing)
         checked_seconds(self.live_smoothing)
+        _check_number("longest_gap", self.longest_gap, 0 <= self.longest_gap <= DEFAULT.remember,
+                      f"0 (no bridges) to {DEFAULT.remember:g} s, after which a hand has another number")  # fmt: skip
+        _check_number("palms_every", self.palms_every, self.palms_every >= 1, "1 or more frames")
+        _check_number("copies", self.copies, 0 <= self.copies <= len(COPIES), f"0 to {len(COPIES)}")
+        if self.limit is not None:
+            _check_number("limit", self.limit, self.limit > 0, "seconds above 0, or null for none")
         if self.video is not None and self.video not in VIDEO_FORMATS:
             raise ValueError(
                 f"Found motion.video={self.video}; expected {', '.join(VIDEO_FORMATS)} or null for none."
             )
-        if self.processes < 1:
-            raise ValueError(f"Found motion.processes={self.processes}; expected 1 or more.")
+        _check_number("processes", self.processes, self.processes >= 1, "1 or more")
+
+
+def _check_number(name: str, value: float, is_right: bool, expected: str) -> None:  # noqa: FBT001
+    if not is_right:
+        raise ValueError(f"Found motion.{name}={value}; expected {expected}.")
