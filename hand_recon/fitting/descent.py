@@ -8,19 +8,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
-from hand_recon.camera import project, six_d_to_rotation
-from hand_recon.fitting.adam import Adam
+from hand_recon.fitting.adam_unknowns import AdamUnknowns
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.second_order.minima import Minima
 from hand_recon.fitting.second_order.prior_terms import without_second_derivatives
 from hand_recon.fitting.second_order.solver import ROUNDS, Round, SecondOrder
-from hand_recon.fitting.start import SHALLOWEST, Start, closed_form_starts
+from hand_recon.fitting.start import Start, closed_form_starts
 from hand_recon.hand.model import HandModel
-from hand_recon.schema import HandParameters, HandPrediction
+from hand_recon.schema import HandPrediction
 from hand_recon.uncertainty import DataTerm
 
 logger = logging.getLogger(__name__)
@@ -61,51 +58,6 @@ class Descent:
             raise ValueError(
                 f"Found descent.solver={self.solver}; expected one of {', '.join(SOLVERS)}."
             )
-
-
-class _Unknowns:
-    """The optimized numbers of each hand, scaled so that one learning rate suits all of them."""
-
-    def __init__(self, start: Start, intrinsics: Float[Tensor, "hand 3 3"]) -> None:
-        pixel = project(start.translation[:, None], intrinsics)[:, 0]
-        depth = start.translation[:, 2].clamp(min=SHALLOWEST)
-        self.values = {
-            "joint_angles": start.joint_angles,
-            "columns": start.root_rotation[..., :2].mT.flatten(-2),
-            "shape": start.shape,
-            # The projected origin in hundreds of pixels: a step of 0.05 is five pixels.
-            "origin": pixel / 100,
-            "log_depth": depth.log(),
-        }
-        self._require_gradients()
-
-    def _require_gradients(self) -> None:
-        self.values = {
-            name: value.detach().clone().requires_grad_() for name, value in self.values.items()
-        }
-
-    def keep(self, rows: Tensor) -> None:
-        """Keep the rows with these indices, and drop the others."""
-        self.values = {name: value[rows] for name, value in self.values.items()}
-        self._require_gradients()
-
-    def optimizer(self) -> Adam:
-        """Adam over all numbers; the translation has 0.6 of the learning rate."""
-        shares = [0.6 if name in ("origin", "log_depth") else 1.0 for name in self.values]
-        return Adam(list(self.values.values()), shares, betas=(0.9, 0.99))
-
-    def parameters(self, intrinsics: Float[Tensor, "hand 3 3"]) -> HandParameters:
-        """The parameters of the hands, for cameras with these matrices."""
-        values = self.values
-        one = torch.ones_like(values["log_depth"])[:, None]
-        pixel = torch.cat([values["origin"] * 100, one], dim=-1)
-        rays = torch.linalg.solve(intrinsics, pixel[..., None])[..., 0]
-        return HandParameters(
-            values["joint_angles"],
-            values["shape"],
-            six_d_to_rotation(values["columns"]),
-            rays * values["log_depth"].exp().clamp(min=SHALLOWEST)[:, None],
-        )
 
 
 def fit(
@@ -264,7 +216,7 @@ def _fit_batch(
     """Fit a batch: from every start without non-penetration, then from the best of each hand with it."""
     count = starts.translation.shape[1]
     several = observation[torch.arange(len(observation)).repeat_interleave(count)]
-    unknowns = _Unknowns(starts.flat(), several.intrinsics)
+    unknowns = AdamUnknowns(starts.flat(), several.intrinsics)
     # A copy for every batch, so that each goes through the stages from the first.
     data_term = copy.deepcopy(objectives[0].data_term)
     light, whole = (replace(objective, data_term=data_term) for objective in objectives)
@@ -281,7 +233,7 @@ def _fit_batch(
 
 
 def _descend(
-    unknowns: _Unknowns,
+    unknowns: AdamUnknowns,
     observation: Observation,
     objective: Objective,
     descent: Descent,
