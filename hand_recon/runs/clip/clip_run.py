@@ -155,8 +155,8 @@ class _ClipRun:
         _say_doubts(found)
         if not found.tracks and found.dropped:
             raise ValueError(
-                f"No hand of {self.source.name} is left: each is taken for a false detection, for the reasons "
-                "above. Give a longer clip, or take its frames as photographs."
+                f"No hand of {self.source.name} is left: each is taken for a false detection, for the "
+                "reasons above. Give a longer clip, or take its frames as photographs."
             )
         if not found.tracks:
             raise ValueError(

@@ -55,8 +55,7 @@ def predict_live(config: DictConfig, source: FrameSource) -> dict[str, Any]:
         Numbers of frames, hands in frames, and frames per second.
 
     Raises:
-        ValueError: The source gives no frame, a network is asked for, which is for files, or another option is
-            not for cameras.
+        ValueError: The source gives no frame, or an option is for files, such as a network.
     """
     if config.ckpt is not None:
         raise ValueError(

@@ -51,19 +51,21 @@ class MotionOptions:
     def __post_init__(self) -> None:
         checked_seconds(self.smoothing)
         checked_seconds(self.live_smoothing)
-        _check_number("longest_gap", self.longest_gap, 0 <= self.longest_gap <= DEFAULT.remember,
-                      f"0 (no bridges) to {DEFAULT.remember:g} s, after which a hand has another number")  # fmt: skip
-        _check_number("palms_every", self.palms_every, self.palms_every >= 1, "1 or more frames")
-        _check_number("copies", self.copies, 0 <= self.copies <= len(COPIES), f"0 to {len(COPIES)}")
+        self._expect(
+            "longest_gap",
+            0 <= self.longest_gap <= DEFAULT.remember,
+            f"0 (no bridges) to {DEFAULT.remember:g} s, after which a hand gets another number",
+        )
+        self._expect("palms_every", self.palms_every >= 1, "1 or more frames")
+        self._expect("copies", 0 <= self.copies <= len(COPIES), f"0 to {len(COPIES)}")
         if self.limit is not None:
-            _check_number("limit", self.limit, self.limit > 0, "seconds above 0, or null for none")
+            self._expect("limit", self.limit > 0, "seconds above 0, or null for none")
         if self.video is not None and self.video not in VIDEO_FORMATS:
             raise ValueError(
                 f"Found motion.video={self.video}; expected {', '.join(VIDEO_FORMATS)} or null for none."
             )
-        _check_number("processes", self.processes, self.processes >= 1, "1 or more")
+        self._expect("processes", self.processes >= 1, "1 or more")
 
-
-def _check_number(name: str, value: float, is_right: bool, expected: str) -> None:  # noqa: FBT001
-    if not is_right:
-        raise ValueError(f"Found motion.{name}={value}; expected {expected}.")
+    def _expect(self, name: str, is_right: object, expected: str) -> None:
+        if not is_right:
+            raise ValueError(f"Found motion.{name}={getattr(self, name)}; expected {expected}.")

@@ -19,8 +19,6 @@ from hand_recon.runs.clip.hands_of_clip import HandOfClip
 
 _COMMAND = """
 import os, time
-from pathlib import Path
-from typing import Any
 from hand_recon.runs.clip.fitting import _pool
 
 def work(number: int) -> int:
