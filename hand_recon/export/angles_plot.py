@@ -119,14 +119,18 @@ def _draw_angle(
     degrees: Float[np.ndarray, " frame"],
     colour: tuple[float, float, float],
 ) -> None:
-    observed = trajectory.observed
-    axes.plot(
-        trajectory.times, np.where(observed, degrees, np.nan), color=colour, linewidth=1.4, zorder=3
-    )
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, degrees.min() - _MARGIN), max(high, degrees.max() + _MARGIN))
+    # No line leads over a gap that was not bridged.
+    after = np.flatnonzero(np.diff(trajectory.frames) > 1) + 1
+    times = np.insert(trajectory.times, after, trajectory.times[after])
+    observed = np.insert(trajectory.observed, after, values=False)
+    degrees = np.insert(degrees, after, np.nan)
+    axes.plot(times, np.where(observed, degrees, np.nan), color=colour, linewidth=1.4, zorder=3)
     # A frame between two gaps has no line.
     single = lone_frames(observed)
     axes.plot(
-        trajectory.times[single], degrees[single], color=colour, linestyle="", marker="o",
+        times[single], degrees[single], color=colour, linestyle="", marker="o",
         markersize=2.5, zorder=3,
     )  # fmt: skip
     bridged = np.full_like(degrees, np.nan)
@@ -134,10 +138,8 @@ def _draw_angle(
     for part in (slice(None, -1), slice(1, None)):
         bridged[part][steps] = degrees[part][steps]
     axes.plot(
-        trajectory.times, bridged, color=colour, linewidth=1.3, linestyle=_DASHES, alpha=0.65, zorder=2
+        times, bridged, color=colour, linewidth=1.3, linestyle=_DASHES, alpha=0.65, zorder=2
     )  # fmt: skip
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, degrees.min() - _MARGIN), max(high, degrees.max() + _MARGIN))
 
 
 def _add_legend(figure: "Figure", trajectories: Sequence[Trajectory]) -> None:

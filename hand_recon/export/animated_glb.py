@@ -4,10 +4,10 @@ Every hand has a mesh with its shape, a skeleton of 16 joints that fits it, and 
 all hands: the rotation of every joint and the wrist's translation, with a key at each frame of the hand, in
 seconds from the clip's start. Units are metres; the camera is at the origin and looks along −z, y is up.
 
-glTF has no animated visibility. A hand is hidden before its first frame and after its last by a scale of
-zero of its wrist, which reaches all of its joints; the specification (section "Transformations") names it
-as the way to animate visibility. Skeletons rest in the pose in which the mesh was modelled, at the hand's
-first place.
+glTF has no animated visibility. A hand is hidden before its first frame, after its last, and in gaps that
+were not bridged, by a scale of zero of its wrist, which reaches all of its joints; the specification (section
+"Transformations") names it as the way to animate visibility. Skeletons rest in the pose in which the mesh
+was modelled, at the hand's first place.
 """
 
 import logging
@@ -230,12 +230,16 @@ def _add_mesh(document: GlbDocument, entry: _HandOfFile, rig: Rig) -> int:
 
 
 def _hide(document: GlbDocument, animation: _Animation, entry: _HandOfFile, wrist: int) -> None:
-    """Hide a hand while it is not in the clip, by a scale of zero."""
+    """Hide a hand while it is not in the clip, also in gaps between its frames, by a scale of zero."""
     times = _key_times(entry.trajectory)
     end = np.float32(entry.clip.end)
     keys = [(times[0], 1.0)]
     if times[0] > 0:
         keys.insert(0, (np.float32(0), 0.0))
+    for place in np.flatnonzero(np.diff(entry.trajectory.frames) > 1):
+        gone = np.float32(times[place] + entry.clip.frame_time)
+        if gone < times[place + 1]:
+            keys += [(gone, 0.0), (times[place + 1], 1.0)]
     if times[-1] < end:
         keys.append((min(np.float32(times[-1] + entry.clip.frame_time), end), 0.0))
     if len(keys) == 1:

@@ -21,7 +21,7 @@ from hand_recon.export.hand_colours import hand_colours
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.motion.trajectory import Trajectory
 from hand_recon.visualization.hand_overlay import HAND_COLOURS
-from tests.support.trajectories import Clip, moving_hand, still_hand
+from tests.support.trajectories import Clip, moving_hand, still_hand, without_frames
 
 RANGES = load_ranges("literature")
 
@@ -126,6 +126,19 @@ def test_a_panel_shows_its_angle_and_dashes_gaps() -> None:
     # A gap's line begins and ends at the frames that were seen.
     dashed = np.array([True, True, True, True, True, True, False, False])
     assert np.array_equal(lines["dashed"], np.where(dashed, degrees, np.nan), equal_nan=True)
+
+
+def test_no_line_leads_over_a_gap_that_was_not_bridged() -> None:
+    gap = without_frames(moving_hand(), *range(5, 12))
+    for axes in angles_figure([gap], RANGES).axes:
+        drawn = [line for line in axes.get_lines() if len(np.asarray(line.get_xdata())) > 2]
+        assert len(drawn) == 2
+        for line in drawn:
+            times, degrees = (np.asarray(one, dtype=float) for one in line.get_data())
+            shown = np.isfinite(degrees)
+            joined = shown[1:] & shown[:-1]
+            # No segment is longer than a frame.
+            assert (np.diff(times)[joined] < 1.5 / 30).all()
 
 
 def test_axes_hold_angles_beyond_the_range_and_begin_with_the_clip() -> None:

@@ -24,6 +24,7 @@ from tests.support.trajectories import (
     in_world,
     moving_hand,
     still_hand,
+    without_frames,
 )
 
 TENTH_OF_A_MILLIMETRE = 1e-4
@@ -101,6 +102,14 @@ def test_a_hand_is_hidden_before_its_first_frame_and_after_its_last(hand: HandMo
     # The other one is there throughout.
     assert "scale" not in glb.channels(glb.named("hand_1_left_wrist"))
     assert min(size("hand_1_left", frame) for frame in (0, 10, 19)) > 0.05
+
+
+def test_a_hand_is_hidden_in_a_gap_that_was_not_bridged(hand: HandModel) -> None:
+    gap = without_frames(moving_hand(1, "left"), *range(5, 12))
+    glb = GlbReader(animated_glb([gap], hand))
+    scale = glb.channels(glb.named("hand_1_left_wrist"))["scale"]
+    assert np.allclose(glb.array(scale["input"])[:, 0], [0, 5 / 30, 12 / 30])
+    assert glb.array(scale["output"])[:, 0].tolist() == [1, 0, 1]
 
 
 def test_all_hands_are_hidden_until_the_end_of_a_longer_clip(hand: HandModel) -> None:

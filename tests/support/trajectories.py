@@ -57,6 +57,20 @@ def still_hand(
     )  # fmt: skip
 
 
+def without_frames(trajectory: Trajectory, *frames: int) -> Trajectory:
+    """The motion without some frames, as where a gap is too long to be bridged."""
+    kept = ~np.isin(trajectory.frames, frames)
+    return replace(
+        trajectory,
+        frames=trajectory.frames[kept],
+        times=trajectory.times[kept],
+        joint_angles=trajectory.joint_angles[kept],
+        root_rotation=trajectory.root_rotation[kept],
+        translation=trajectory.translation[kept],
+        observed=trajectory.observed[kept],
+    )
+
+
 def with_times(trajectory: Trajectory, times: Float[np.ndarray, " frame"]) -> Trajectory:
     """The same poses at other times."""
     return replace(trajectory, times=times)
