@@ -125,6 +125,19 @@ class LiveFilter:
         self._past = self._next(past, paths, pose, seconds)
         return self._result(self._past)
 
+    @property
+    def chosen(self) -> int:
+        """Position of the minimum of the last frame that was chosen.
+
+        Raises:
+            ValueError: There was no frame.
+        """
+        if self._past is None:
+            raise ValueError(
+                "Found no frame; expected one to choose a minimum of. Call update first."
+            )
+        return self._past.paths.best
+
     def _next(self, past: _Past, paths: Paths, pose: Poses, seconds: float) -> _Past:
         """The frames until now, with a further one."""
         angles = pose.joint_angles.reshape(45)

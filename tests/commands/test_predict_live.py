@@ -121,6 +121,29 @@ def test_the_later_result_follows_the_hand(
     assert np.linalg.norm(points - expected, axis=-1).mean() < 0.012
 
 
+def test_a_hand_whose_side_was_mistaken_at_first_does_not_move_from_one_to_the_other(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = open_hand("mediapipe")
+    ground_truth, pixels = moving_hand(model, "right")
+    mistaken = frozenset(("right", frame) for frame in range(5))
+    found = ScriptedDetector({"right": noisy(pixels)}, mistaken)  # type: ignore[arg-type]
+    monkeypatch.setattr(live_run, "build_detector", lambda config: found)
+    before(Camera(clip), monkeypatch)
+    predict(asked("webcam", tmp_path / "out"))
+    hands = hand_recon.read_hands(tmp_path / "out" / "hands.jsonl")
+    rows = [row for row, side in enumerate(hands.sides) if side == "right"]
+    frames = [one.frame for one in hands.moments if one is not None]
+    # It is shown in every frame, and of the other side until the votes are in balance.
+    assert frames == list(range(2, FRAMES))
+    assert rows == list(range(len(frames) - len(rows), len(frames)))
+    first = frames[rows[0]]
+    assert 9 <= first <= 11
+    points = hands.landmarks_3d[rows] - hands.landmarks_3d[rows, 9:10]
+    expected = ground_truth[first:] - ground_truth[first:, 9:10]
+    assert np.linalg.norm(points - expected, axis=-1).mean(axis=1).max() < 0.02
+
+
 def test_the_window_ends_it(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     window = Shown(5)
     before(Camera(clip), monkeypatch)

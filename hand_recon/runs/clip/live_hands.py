@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from torch import Tensor
 
 from hand_recon.data.landmarks.crops import to_crops
+from hand_recon.detection.detector import Side
 from hand_recon.fitting.descent import fit_minima
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.origin import Origin
@@ -42,13 +43,16 @@ WORTH_SHOWING: Final = 3
 """Frames in which a hand must have been seen to be shown: false detections last for a frame or two."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class _LiveHand:
     """A hand that is followed."""
 
+    side: Side
     motion: LiveFilter
     last: Start
-    frames: int = 0
+    """Pose in the last frame."""
+    frames: int
+    """Frames in which it was seen, of either side."""
 
 
 class _LiveFit:
@@ -135,6 +139,8 @@ class LiveHands:
         """
         seen = FrameHands(frame.number, frame.time, frame.hands)
         self.identity, numbers = advance(self.identity, seen, self.settings)
+        remembered = {hand.number for hand in self.identity.hands}
+        self.hands = {number: hand for number, hand in self.hands.items() if number in remembered}
         tracks = [
             self._track(place, number, frame) for place, number in enumerate(numbers) if number
         ]
@@ -149,10 +155,16 @@ class LiveHands:
         if not found:
             return []
         batch = HandBatch.join([to_crops(hand.landmarks).batch for hand in found])
-        known = [self.hands.get(hand.track.number) for hand in found]
+        known = [self._known(hand.track) for hand in found]
         minima = self.fit(batch, [None if one is None else one.last for one in known])
         smoothed = [self._smoothed(hand, minima, row) for row, hand in enumerate(found)]
         return [one for one in smoothed if self.hands[one.motion.hand].frames >= WORTH_SHOWING]
+
+    def _known(self, track: Track) -> _LiveHand | None:
+        """What is known of a hand; nothing of its pose if the votes for its side have changed."""
+        known = self.hands.get(track.number)
+        # Poses of a left hand are mirrored, and no motion leads from one side to the other.
+        return known if known is not None and known.side == track.side else None
 
     def _track(self, place: int, number: int, frame: FoundFrame) -> Track:
         return Track(
@@ -179,18 +191,22 @@ class LiveHands:
             certainty=certainty_of(minima.information[row : row + 1].double().numpy()),
             cost=minima.cost[row : row + 1].double().numpy(),
         )
+        known, before = self._known(track), self.hands.get(track.number)
+        motion = LiveFilter(self.seconds) if known is None else known.motion
+        poses = motion.update(estimates)
+        # The next frame's fit begins at the minimum that was chosen, which need not have the least loss.
+        chosen = slice(motion.chosen, motion.chosen + 1)
         last = Start(
-            here.joint_angles[:, :1],
-            here.root_rotation[:, :1],
-            here.translation[:, :1],
-            here.shape[:, :1],
+            here.joint_angles[:, chosen],
+            here.root_rotation[:, chosen],
+            here.translation[:, chosen],
+            here.shape[:, chosen],
         )
-        known = self.hands.setdefault(track.number, _LiveHand(LiveFilter(self.seconds), last))
-        known.last, known.frames = last, known.frames + 1
-        poses = known.motion.update(estimates)
+        count = 1 if before is None else before.frames + 1
+        self.hands[track.number] = _LiveHand(track.side, motion, last, count)
         shape = self.fit.shape.double().numpy()
-        motion = trajectory_of(poses, hand=track.number, side=track.side, shape=shape)
-        return SmoothedHand(hand, motion)
+        moved = trajectory_of(poses, hand=track.number, side=track.side, shape=shape)
+        return SmoothedHand(hand, moved)
 
 
 def _stacked(starts: list[Start]) -> Start:
