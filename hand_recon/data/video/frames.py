@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
@@ -43,6 +44,8 @@ class FrameSource(ABC):
     """Number of frames by the container, which may be wrong; None if it does not say or has no end."""
     rate_hint: float | None = None
     """Mean frames per second by the container; None if it does not say."""
+    files: tuple[Path, ...] = ()
+    """Images of a sequence; none for a source that is one file, a camera or a stream."""
     is_live: bool = False
     """True if frames come as they happen: those that are not taken in time are lost."""
 

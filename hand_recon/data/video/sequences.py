@@ -48,7 +48,7 @@ class PhotoSequence(FrameSource):
         self.size: tuple[int, int] = read_photo(files[0]).size
         self.count_hint = len(files)
         self.rate_hint = rate
-        self._files = tuple(files)
+        self.files = tuple(files)
         self._times = [
             (number - numbers[0]) / rate for number in numbers
         ] if numbers else [k / rate for k in range(len(files))]  # fmt: skip
@@ -60,12 +60,12 @@ class PhotoSequence(FrameSource):
             PhotoError: A photograph cannot be read.
             VideoError: A photograph has another size than the first.
         """
-        for number in range(first, len(self._files)):
-            photo = read_photo(self._files[number])
+        for number in range(first, len(self.files)):
+            photo = read_photo(self.files[number])
             if photo.size != self.size:
                 raise VideoError(
-                    f"{shown(self._files[number])} has {_text(photo.size)} pixels, and "
-                    f"{shown(self._files[0])} has {_text(self.size)}; the frames of a video have one size. "
+                    f"{shown(self.files[number])} has {_text(photo.size)} pixels, and "
+                    f"{shown(self.files[0])} has {_text(self.size)}; the frames of a video have one size. "
                     "Take the odd one out, or give the images as photographs, without fps."
                 )
             yield Frame(number, self._times[number], photo.pixels)

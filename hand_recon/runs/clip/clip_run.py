@@ -14,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
+from hand_recon.data.progress import with_progress
 from hand_recon.data.video.frames import FrameSource, VideoError
 from hand_recon.fitting.photo_camera import CameraChoice, parse_camera
 from hand_recon.hand.model import HandModel
@@ -29,7 +30,8 @@ from hand_recon.runs.clip.hands_of_clip import hands_of_clip
 from hand_recon.runs.clip.motion_of_hands import HandMotion, motion_of
 from hand_recon.runs.clip.options import MotionOptions
 from hand_recon.runs.clip.results import (
-    CLIP_PRODUCTS,
+    FrameOfHands,
+    clip_products,
     counts_of,
     frames_of_hands,
     write_motions,
@@ -81,10 +83,10 @@ def predict_clip(config: DictConfig, source: FrameSource, word: str) -> dict[str
     check_clip(config)
     folder = results_folder(config)
     settings = settings_of(config, _FILES)
-    settings["video"] = file_state(Path(word))
+    settings["video"] = [file_state(path) for path in source.files or (Path(word),)]
     if config.ckpt is not None:
         settings["files"]["ckpt"] = file_state(checkpoint_file(config.ckpt))
-    claim_or_resume(folder, (*CLIP_PRODUCTS, "config.yaml"), settings)
+    claim_or_resume(folder, clip_products(folder), settings)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     logger.info("Reconstructing the hands of %s into %s", source.name, folder)
     run = _ClipRun(config, source, folder, network)
@@ -186,7 +188,7 @@ class _ClipRun:
                 draw_video(
                     self.folder / f"video.{self.options.video}",
                     self.source,
-                    frames_of_hands(hands, self._poses(), len(frames)),
+                    self._hands_of(frames, hands, "Drawing"),
                     self.hand.faces.numpy(),
                     layout_of(paths, panels=self.options.panels),
                     threads=self.options.processes,
@@ -209,17 +211,23 @@ class _ClipRun:
         """Write the file of hands."""
         total: Counter[str] = Counter()
         with writing_frames(self.folder, sum(len(hand.motion) for hand in hands)) as write:
-            for frame in frames_of_hands(hands, self._poses(), len(frames)):
+            for frame in self._hands_of(frames, hands, "Writing"):
                 write(frame.entries)
                 total.update(counts_of(frame.entries))
         return total
 
-    def _poses(self) -> ClipPoses:
-        return ClipPoses(
+    def _hands_of(
+        self, frames: Sequence[FoundFrame], hands: Sequence[SmoothedHand], doing: str
+    ) -> Iterator[FrameOfHands]:
+        """Hands of every frame, with progress."""
+        poses = ClipPoses(
             build_objective(self.config, self.hand),
             instantiate(self.config.descent),
             self.config.sigma_at_half_confidence,
         )
+        posed = frames_of_hands(hands, poses, [frame.number for frame in frames])
+        task = f"{doing} the hands of {self.source.name}, frames"
+        return with_progress(posed, len(frames), task)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from hand_recon.data.video.ahead import ahead
-from hand_recon.data.video.frames import Frame, FrameSource
+from hand_recon.data.video.frames import Frame, FrameSource, VideoError
 from hand_recon.data.video.writer import VideoWriter
 from hand_recon.motion.trajectory import Trajectory
 from hand_recon.runs.clip.results import FrameOfHands
@@ -57,7 +57,8 @@ def draw_video(
     Raises:
         VideoError: The frames cannot be read, or the video cannot be written.
     """
-    path.unlink(missing_ok=True)
+    for earlier in (path, *path.parent.glob(f".{path.stem}.*{path.suffix}")):
+        earlier.unlink(missing_ok=True)
     with (
         VideoWriter(path, fps=source.rate_hint) as video,
         ThreadPoolExecutor(threads) as pool,
@@ -70,6 +71,11 @@ def draw_video(
 
         waiting: list[Future[tuple[Drawing, float]]] = []
         for frame, of_frame in zip(frames, hands, strict=False):
+            if frame.number != of_frame.number:
+                raise VideoError(
+                    f"{source.name} has other frames than when its hands were found: {frame.number} in the "
+                    f"place of {of_frame.number}. Repeat the command with another output."
+                )
             waiting.append(pool.submit(draw, frame, of_frame))
             if len(waiting) > WAITING * threads:
                 video.write(*waiting.pop(0).result())

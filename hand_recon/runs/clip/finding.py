@@ -125,7 +125,9 @@ class Finding:
         size = found[0].size if found else None
         total = max((self.source.count_hint or 0) - len(found), 1)
         task = f"Finding the hands of {self.source.name}, frames"
-        with closing(ahead(self.source.frames(len(found)))) as frames:
+        # A frame that could not be decoded has a number, too.
+        first = found[-1].number + 1 if found else 0
+        with closing(ahead(self.source.frames(first))) as frames:
             for frame in with_progress(frames, total, task):
                 one = self._found(frame, state)
                 size = size or one.size

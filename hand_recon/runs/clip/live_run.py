@@ -25,7 +25,7 @@ from hand_recon.runs.clip.found_frames import FoundFrame
 from hand_recon.runs.clip.live_hands import LiveHands
 from hand_recon.runs.clip.live_window import open_window
 from hand_recon.runs.clip.options import MotionOptions
-from hand_recon.runs.clip.results import CLIP_PRODUCTS, FrameOfHands, counts_of
+from hand_recon.runs.clip.results import FrameOfHands, clip_products, counts_of
 from hand_recon.runs.clip.smoothed import ClipPoses, SmoothedHand
 from hand_recon.runs.configuration import build_hand, instantiate, plain
 from hand_recon.runs.fit_run import source_of
@@ -65,7 +65,7 @@ def predict_live(config: DictConfig, source: FrameSource) -> dict[str, Any]:
     check_clip(config)
     folder = results_folder(config)
     # Of this moment alone: nothing goes on where a camera was left.
-    claim_or_resume(folder, (*CLIP_PRODUCTS, "config.yaml"), {"started": time.time()})
+    claim_or_resume(folder, clip_products(folder), {"started": time.time()})
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
     logger.info(
         "Reconstructing the hands of %s into %s; Ctrl-C, or q in the window, ends it.",

@@ -45,8 +45,9 @@ def motion_of(
         ValueError: No frame has a finite minimum.
     """
     poses = chosen_poses(estimates)
-    wanted = _wanted(track, poses.frames, frames)
-    times = np.array([frames[number].time for number in wanted.tolist()])
+    wanted = _wanted(track, poses.frames)
+    time_of = {frame.number: frame.time for frame in frames}
+    times = np.array([time_of[number] for number in wanted.tolist()])
     coefficients = shape.double().numpy()
 
     def whole(of: float) -> Trajectory:
@@ -56,11 +57,10 @@ def motion_of(
     return HandMotion(whole(0.0), whole(seconds))
 
 
-def _wanted(track: Track, posed: np.ndarray, frames: Sequence[FoundFrame]) -> np.ndarray:
+def _wanted(track: Track, posed: np.ndarray) -> np.ndarray:
     """Frames of a motion: those with a pose, and those of gaps that are bridged."""
     inside = [gap.frames for gap in track.gaps if gap.is_bridged]
     # Seen with too few landmarks to be fitted.
     unfitted = np.setdiff1d(track.frames, posed)
     wanted = np.unique(np.concatenate([posed, *inside, unfitted])).astype(np.int64)
-    within = (wanted >= posed[0]) & (wanted <= posed[-1]) & (wanted < len(frames))
-    return wanted[within]
+    return np.asarray(wanted[(wanted >= posed[0]) & (wanted <= posed[-1])])

@@ -29,15 +29,24 @@ logger = logging.getLogger(__name__)
 
 CLIP_PRODUCTS: Final = (
     "hands.json", "hands.jsonl", "angles.csv", "angles.png", "hands.glb", "video.webm", "video.mp4",
-    "video.avi", "clip.json", "unfinished",
+    "video.avi", "clip.json", "unfinished", "hands.json.part", "hands.jsonl.part", "config.yaml",
 )  # fmt: skip
-"""Files and folders of `predict` for a video; a folder that holds one of them is not written to."""
+"""Files and folders of `predict` for a video, besides one `hand_<number>.bvh` for each hand."""
 
 LINES_FROM: Final = 1000
 """Hands from which on they are written as lines (`hands.jsonl`), which can be read one by one."""
 
 BLOCK: Final = 64
 """Frames whose hands are in memory at once."""
+
+
+def clip_products(folder: Path) -> list[str]:
+    """Names of files and folders; a folder that holds one of them is not written to.
+
+    Args:
+        folder: Folder of the results, which need not exist.
+    """
+    return [*CLIP_PRODUCTS, *sorted(path.name for path in folder.glob("hand_*.bvh"))]
 
 
 @dataclass(frozen=True)
@@ -53,24 +62,24 @@ class FrameOfHands:
 
 
 def frames_of_hands(
-    hands: Sequence[SmoothedHand], poses: ClipPoses, frames: int
+    hands: Sequence[SmoothedHand], poses: ClipPoses, frames: Sequence[int]
 ) -> Iterator[FrameOfHands]:
     """Pose the hands of a clip frame by frame, those of some frames at a time.
 
     Args:
         hands: The hands.
         poses: Poses them.
-        frames: Number of frames of the clip.
+        frames: Numbers of the frames of the clip, increasing.
 
     Yields:
         Every frame in order, also those without a hand.
     """
-    for first in range(0, frames, BLOCK):
-        numbers = range(first, min(first + BLOCK, frames))
+    for first in range(0, len(frames), BLOCK):
+        numbers = frames[first : first + BLOCK]
         entries: dict[int, list[dict[str, Any]]] = {number: [] for number in numbers}
         drawn: dict[int, dict[int, DrawnHand]] = {number: {} for number in numbers}
         for hand in hands:
-            inside = (hand.motion.frames >= first) & (hand.motion.frames < numbers.stop)
+            inside = (hand.motion.frames >= numbers[0]) & (hand.motion.frames <= numbers[-1])
             if not inside.any():
                 continue
             records, vertices = poses(hand, np.flatnonzero(inside))
