@@ -147,6 +147,15 @@ def test_tables_say_what_was_scored(network: Regressor, seen: PhotoSet) -> None:
     )
 
 
+def test_a_network_without_the_likelihood_has_no_calibration(
+    network: Regressor, seen: PhotoSet
+) -> None:
+    found = score(seen, "row 1", look(network, seen.batch, with_landmarks=False), network.hand)
+    line = main_table([replace(found, calibration={})]).splitlines()[4]
+    assert line.endswith("| — | — | — |")
+    assert line.count("|") == main_table([found]).splitlines()[4].count("|")
+
+
 def test_a_page_has_every_method_in_two_views(network: Regressor, seen: PhotoSet) -> None:
     scored = [score(seen, "both", look(network, seen.batch, with_landmarks=True), network.hand)]
     drawn = page([*scored, *scored], photographs=6)

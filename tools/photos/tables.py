@@ -28,7 +28,9 @@ def main_table(scored: Sequence[Scored]) -> str:
         ]
         for one in chosen:
             cells = [str(one.mean(column)) for column in columns]
-            cells += [f"{one.calibration[column]:.3f}" for column in CALIBRATION]
+            # A network that was trained without the likelihood has no σ to score.
+            sigma = [one.calibration.get(column) for column in CALIBRATION]
+            cells += ["—" if value is None else f"{value:.3f}" for value in sigma]
             lines.append(f"| {one.method} | " + " | ".join(cells) + " |")
         lines.append("")
     return "\n".join(lines)
