@@ -188,7 +188,7 @@ class _ClipRun:
                 draw_video(
                     self.folder / f"video.{self.options.video}",
                     self.source,
-                    self._hands_of(frames, hands, "Drawing"),
+                    self._hands_of(frames, hands, drawn=True),
                     self.hand.faces.numpy(),
                     layout_of(paths, panels=self.options.panels),
                     threads=self.options.processes,
@@ -211,22 +211,23 @@ class _ClipRun:
         """Write the file of hands."""
         total: Counter[str] = Counter()
         with writing_frames(self.folder, sum(len(hand.motion) for hand in hands)) as write:
-            for frame in self._hands_of(frames, hands, "Writing"):
+            for frame in self._hands_of(frames, hands):
                 write(frame.entries)
                 total.update(counts_of(frame.entries))
         return total
 
     def _hands_of(
-        self, frames: Sequence[FoundFrame], hands: Sequence[SmoothedHand], doing: str
+        self, frames: Sequence[FoundFrame], hands: Sequence[SmoothedHand], *, drawn: bool = False
     ) -> Iterator[FrameOfHands]:
-        """Hands of every frame, with progress."""
+        """Hands of every frame, with progress; drawings do not show the covariances of landmarks."""
         poses = ClipPoses(
             build_objective(self.config, self.hand),
             instantiate(self.config.descent),
             self.config.sigma_at_half_confidence,
+            with_covariance=not drawn,
         )
         posed = frames_of_hands(hands, poses, [frame.number for frame in frames])
-        task = f"{doing} the hands of {self.source.name}, frames"
+        task = f"{'Drawing' if drawn else 'Writing'} the hands of {self.source.name}, frames"
         return with_progress(posed, len(frames), task)
 
     @contextmanager
