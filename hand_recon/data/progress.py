@@ -16,12 +16,12 @@ SECONDS_BETWEEN_LINES = 10.0
 """Time between log lines of a long task, seconds."""
 
 
-def with_progress(items: Iterable[Item], total: int, task: str) -> Iterator[Item]:
+def with_progress(items: Iterable[Item], total: int | None, task: str) -> Iterator[Item]:
     """Yield items and report progress.
 
     Args:
         items: Items to yield.
-        total: Number of items.
+        total: Number of items; None if it is not known.
         task: Name of the task, for the display.
     """
     if Console(stderr=True).is_terminal:
@@ -34,6 +34,9 @@ def with_progress(items: Iterable[Item], total: int, task: str) -> Iterator[Item
         if now - spoken > SECONDS_BETWEEN_LINES:
             spoken = now
             rate = done / (now - start)
+            if total is None:
+                logger.info("%s: %d, %.3g per second", task, done, rate)
+                continue
             left = max(total - done, 0) / rate
             logger.info(
                 "%s: %d of %d, %.3g per second, %.0f s to go", task, done, total, rate, left

@@ -43,6 +43,8 @@ def detector(monkeypatch: pytest.MonkeyPatch) -> ScriptedDetector:
         (("descent.solver=adam",), "chooses among several"),
         (("descent.steps=0", "lifter=default"), "chooses among the minima"),
         (("descent.starts=0",), "no lifter"),
+        (("data_term=mse",), "data term is no likelihood"),
+        (("keep_balance=true",), "data term is no likelihood"),
         (("camera=exif",), "EXIF has no focal length"),
         (("camera=nowhere.json",), r"nowhere\.json"),
         (("motion.longest_gap=2.5",), r"motion\.longest_gap=2\.5; expected 0 .* to 2 s"),

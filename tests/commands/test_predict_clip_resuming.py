@@ -141,6 +141,19 @@ def test_other_settings_do_not_go_on(
         predict(asked(clip, tmp_path / "out", "motion.palms_every=3"))
 
 
+def test_another_number_of_processes_goes_on(
+    hands: dict[str, np.ndarray],
+    never_killed: bytes,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    detector_of(hands, monkeypatch)
+    clip = clip_file(tmp_path)
+    interrupted(asked(clip, tmp_path / "out"), ScriptedDetector, "__call__", 9)
+    predict(asked(clip, tmp_path / "out", "motion.processes=1"))
+    assert (tmp_path / "out" / "hands.json").read_bytes() == never_killed
+
+
 def test_another_video_of_the_same_name_does_not_go_on(
     hands: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -1,10 +1,13 @@
 """Checks of a command for videos before its first frame, so that nothing is found out after an hour."""
 
 import numpy as np
+import torch
 from omegaconf import DictConfig
 
-from hand_recon.fitting.descent import Descent, refuse_without_derivatives
+from hand_recon.fitting.descent import Descent, last_stage, refuse_without_derivatives
+from hand_recon.fitting.observation import Observation
 from hand_recon.fitting.photo_camera import parse_camera
+from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.runs.configuration import build_hand, instantiate
 from hand_recon.runs.fitters import build_objective
 from hand_recon.runs.lifters import names_lifter
@@ -77,4 +80,13 @@ def _refuse_other_fits(config: DictConfig) -> None:
             "Found descent.starts=0 and no lifter; expected one start or more per hand. Set descent.starts "
             "to 1, 2, 3 or 4, or give a lifter."
         )
-    refuse_without_derivatives(build_objective(config, build_hand(config)))
+    objective = build_objective(config, build_hand(config))
+    refuse_without_derivatives(objective)
+    one_hand = Observation(
+        torch.zeros(1, 21, 2), torch.ones(1, 21, dtype=torch.bool), torch.eye(3)[None]
+    )
+    if not is_likelihood(last_stage(objective.data_term, one_hand, descent)):
+        raise ValueError(
+            "This data term is no likelihood, and a clip weighs frames and minima by their probability. Use "
+            "data_term=mse_then_nll, the default, or laplace, without keep_balance=true."
+        )

@@ -84,6 +84,8 @@ def predict_clip(config: DictConfig, source: FrameSource, word: str) -> dict[str
     folder = results_folder(config)
     settings = settings_of(config, _FILES)
     settings["video"] = [file_state(path) for path in source.files or (Path(word),)]
+    # Results do not depend on it.
+    del settings["options"]["motion"]["processes"]
     if config.ckpt is not None:
         settings["files"]["ckpt"] = file_state(checkpoint_file(config.ckpt))
     claim_or_resume(folder, clip_products(folder), settings)
@@ -91,8 +93,8 @@ def predict_clip(config: DictConfig, source: FrameSource, word: str) -> dict[str
     logger.info("Reconstructing the hands of %s into %s", source.name, folder)
     run = _ClipRun(config, source, folder, network)
     summary = run.all()
-    shutil.rmtree(run.unfinished)
     finish(folder)
+    shutil.rmtree(run.unfinished)
     _report(folder, summary)
     return summary
 
@@ -139,7 +141,7 @@ class _ClipRun:
                         "Hand %d is left out: no frame of it was fitted.", hand.track.number
                     )
                     continue
-                motion = motion_of(hand.track, shape, estimates, frames, self.options.smoothing)
+                motion = motion_of(hand.track, shape, estimates, frames, self.options)
                 motions.append(motion)
                 smoothed.append(SmoothedHand(hand, motion.smooth))
         if not motions:

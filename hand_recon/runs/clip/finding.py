@@ -123,7 +123,8 @@ class Finding:
         """The frames behind those that are done."""
         state = found[-1].state if found else TrackerState()
         size = found[0].size if found else None
-        total = max((self.source.count_hint or 0) - len(found), 1)
+        count = self.source.count_hint
+        total = None if count is None else max(count - len(found), 1)
         task = f"Finding the hands of {self.source.name}, frames"
         # A frame that could not be decoded has a number, too.
         first = found[-1].number + 1 if found else 0
