@@ -11,6 +11,7 @@ landmarks that the two cameras triangulate.
 
 import argparse
 from collections.abc import Sequence
+from functools import cache, partial
 from pathlib import Path
 
 import torch
@@ -62,10 +63,11 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     arguments = _arguments(words)
     scored: list[Scored] = []
+    sets = cache(partial(_sets, arguments))
     for text in arguments.runs:
         name, _, path = text.rpartition("=")
         regressor, size = _network(path, arguments.turns)
-        for hands in _sets(arguments, size):
+        for hands in sets(size):
             for way, run in methods(regressor, one_person=hands.one_person).items():
                 if arguments.ways and way not in arguments.ways:
                     continue
