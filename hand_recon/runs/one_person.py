@@ -87,10 +87,15 @@ def shape_of_person(
     return shared_shape(seen, found, last)
 
 
-def hands_of_person(landmarks: ImageLandmarks) -> HandBatch:
-    """At most `MOST` hands with enough landmarks, in crops of 224 pixels."""
+def hands_of_person(landmarks: ImageLandmarks, most: int = MOST) -> HandBatch:
+    """Hands with enough landmarks, spread evenly over all, in crops of 224 pixels.
+
+    Args:
+        landmarks: The hands of a person.
+        most: Most hands that are taken.
+    """
     usable = landmarks.usable.nonzero()[:, 0]
-    step = max(1, -(-len(usable) // MOST))
+    step = max(1, -(-len(usable) // most))
     return to_crops(landmarks.select(usable[::step])).batch
 
 

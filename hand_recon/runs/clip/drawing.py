@@ -1,6 +1,6 @@
 """Draws the hands of a clip over its frames, some frames at once."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -59,8 +59,22 @@ def draw_video(
     """
     for earlier in (path, *path.parent.glob(f".{path.stem}.*{path.suffix}")):
         earlier.unlink(missing_ok=True)
+    drawn = _drawings(source, hands, faces, layout, threads)
+    # Encoding takes as long as drawing, and leaves Python to the other threads meanwhile.
+    with VideoWriter(path, fps=source.rate_hint) as video, closing(ahead(drawn)) as drawings:
+        for drawing, time in drawings:
+            video.write(drawing, time)
+
+
+def _drawings(
+    source: FrameSource,
+    hands: Iterable[FrameOfHands],
+    faces: Int[np.ndarray, "face 3"],
+    layout: ClipLayout,
+    threads: int,
+) -> Iterator[tuple[Drawing, float]]:
+    """Frames with their hands, each with its time; arguments as for `draw_video`."""
     with (
-        VideoWriter(path, fps=source.rate_hint) as video,
         ThreadPoolExecutor(threads) as pool,
         closing(ahead(source.frames())) as frames,
     ):
@@ -78,6 +92,6 @@ def draw_video(
                 )
             waiting.append(pool.submit(draw, frame, of_frame))
             if len(waiting) > WAITING * threads:
-                video.write(*waiting.pop(0).result())
+                yield waiting.pop(0).result()
         for rest in waiting:
-            video.write(*rest.result())
+            yield rest.result()

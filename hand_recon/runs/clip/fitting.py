@@ -37,6 +37,9 @@ logger = logging.getLogger(__name__)
 PIECE: Final = 64
 """Frames that are fitted together."""
 
+SHAPE_FROM: Final = 96
+"""Most frames that a hand's shape is estimated from, three times as many as `shared_shape.MOST_HANDS`."""
+
 WORTH_A_PROCESS: Final = 4
 """Pieces per process from which on it pays to start one, which takes some seconds."""
 
@@ -116,7 +119,7 @@ def _shapes(config: DictConfig, hands: Sequence[HandOfClip], folder: Path) -> li
     for some in together:
         path = folder / f"shape of hand {some[0].track.number}.npy"
         if not path.exists():
-            batch = HandBatch.join([hands_of_person(hand.landmarks) for hand in some])
+            batch = HandBatch.join([hands_of_person(hand.landmarks, SHAPE_FROM) for hand in some])
             _write(path, np.asarray(shape_of_hands(config, batch)))
         found += [torch.from_numpy(np.load(path))] * len(some)
     return found

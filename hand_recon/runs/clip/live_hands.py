@@ -161,7 +161,7 @@ class LiveHands:
         return [one for one in smoothed if self.hands[one.motion.hand].frames >= WORTH_SHOWING]
 
     def _known(self, track: Track) -> _LiveHand | None:
-        """Knowledge of a hand from earlier frames; none of its pose if the votes for its side have changed."""
+        """Knowledge of a hand from earlier frames; none of its pose if its side has changed by the votes."""
         known = self.hands.get(track.number)
         # Poses of a left hand are mirrored, and no motion leads from one side to the other.
         return known if known is not None and known.side == track.side else None
