@@ -7,8 +7,9 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 SUFFIX: Final = ".jsonl"
 """Suffix of files of lines."""
@@ -26,13 +27,22 @@ def writing_hand_lines(path: Path) -> Iterator[Callable[[Iterable[dict[str, Any]
     """
     unfinished = path.with_name(f"{path.name}.part")
     with unfinished.open("w", encoding="utf-8") as stream:
-
-        def write(entries: Iterable[dict[str, Any]]) -> None:
-            for entry in entries:
-                stream.write(json.dumps(entry, allow_nan=False, ensure_ascii=False) + "\n")
-
-        yield write
+        yield partial(write_lines, stream)
     os.replace(unfinished, path)
+
+
+def write_lines(stream: TextIO, entries: Iterable[dict[str, Any]]) -> None:
+    """Write objects of hands, one to a line.
+
+    Args:
+        stream: Text to write to.
+        entries: The objects.
+
+    Raises:
+        ValueError: A number that must be finite is not.
+    """
+    for entry in entries:
+        stream.write(json.dumps(entry, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def read_lines(path: Path) -> list[Any]:

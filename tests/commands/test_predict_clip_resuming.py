@@ -26,7 +26,7 @@ from tests.support.scripted_clip import (
 
 
 class Killed(BaseException):
-    """What ends a command in these tests."""
+    """Exception that stands for a kill of the command."""
 
 
 @pytest.fixture(scope="module")

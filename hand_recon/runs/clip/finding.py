@@ -130,7 +130,7 @@ class Finding:
         first = found[-1].number + 1 if found else 0
         with closing(ahead(self.source.frames(first))) as frames:
             for frame in with_progress(frames, total, task):
-                one = self._found(frame, state)
+                one = self.of_frame(frame, state)
                 size = size or one.size
                 if one.size != size:
                     raise VideoError(
@@ -141,7 +141,13 @@ class Finding:
                 state = one.state
                 yield one
 
-    def _found(self, frame: Frame, state: TrackerState) -> FoundFrame:
+    def of_frame(self, frame: Frame, state: TrackerState) -> FoundFrame:
+        """Find the hands of one frame.
+
+        Args:
+            frame: The frame.
+            state: State of the tracker after the frame before.
+        """
         detections, state = self.follow(frame.pixels, state)
         hands, estimate = detections.hands, None
         if self.look is not None and hands:

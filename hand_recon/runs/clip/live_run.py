@@ -1,6 +1,5 @@
 """Hands before a camera, as they move: `hand-recon predict webcam`, and streams."""
 
-import json
 import logging
 import time
 from collections import deque
@@ -9,24 +8,22 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon.data.video.ahead import ahead
 from hand_recon.data.video.frames import Frame, FrameSource
 from hand_recon.data.video.writer import VideoWriter
 from hand_recon.detection.tracking import TrackerState
-from hand_recon.fitting.drawing import drawn_hand
-from hand_recon.fitting.hands_file import hand_entries
+from hand_recon.fitting.hands_lines import write_lines
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.runs.clip.checks import check_clip
-from hand_recon.runs.clip.finding import Follow, follower
+from hand_recon.runs.clip.finding import Finding, follower
 from hand_recon.runs.clip.found_frames import FoundFrame
 from hand_recon.runs.clip.live_hands import LiveHands
 from hand_recon.runs.clip.live_window import open_window
 from hand_recon.runs.clip.options import MotionOptions
-from hand_recon.runs.clip.results import FrameOfHands, clip_products, counts_of
-from hand_recon.runs.clip.smoothed import ClipPoses, SmoothedHand
+from hand_recon.runs.clip.results import FrameOfHands, clip_products, counts_of, frames_of_hands
+from hand_recon.runs.clip.smoothed import ClipPoses
 from hand_recon.runs.configuration import build_hand, instantiate, plain
 from hand_recon.runs.fit_run import source_of
 from hand_recon.runs.fitters import build_objective
@@ -85,7 +82,8 @@ class _Live:
         self.options: MotionOptions = instantiate(config.motion)
         detector = build_detector(config)
         self.hand = build_hand(config)
-        self.follow: Follow = follower(detector, self.options.palms_every, self.options.copies)
+        follow = follower(detector, self.options.palms_every, self.options.copies)
+        self.finding = Finding(source, follow)
         origin = source_of(config, self.hand, steps_before(detector, None))
         self.live = LiveHands(
             config, parse_camera(str(config.camera), 1), origin, self.options.live_smoothing
@@ -146,30 +144,21 @@ class _Live:
     def _found(self) -> Iterator[tuple[Frame, FoundFrame]]:
         state = TrackerState()
         for frame in self.source:
-            detections, state = self.follow(frame.pixels, state)
-            height, width, _ = frame.pixels.shape
-            size = (width, height)
-            yield frame, FoundFrame(frame.number, frame.time, size, detections.hands, state)
+            found = self.finding.of_frame(frame, state)
+            state = found.state
+            yield frame, found
 
     def _fitted(self) -> Iterator[tuple[Frame, FrameOfHands]]:
         name = self.source.name
         with closing(ahead(self._found(), size=1)) as found:
             for frame, hands in found:
-                yield frame, self._posed(frame.number, self.live(hands, name))
-
-    def _posed(self, number: int, hands: list[SmoothedHand]) -> FrameOfHands:
-        entries, drawn = [], {}
-        for hand in hands:
-            records, vertices = self.poses(hand, np.array([0]))
-            entries += list(hand_entries(records))
-            drawn[hand.motion.hand] = drawn_hand(records, vertices, 0, str(hand.motion.hand))
-        return FrameOfHands(number, tuple(entries), drawn)
+                posed = frames_of_hands(self.live(hands, name), self.poses, [frame.number])
+                yield frame, next(posed)
 
     def _write(self, lines: TextIO, hands: FrameOfHands) -> None:
         self.frames += 1
         self.counts.update(counts_of(hands.entries))
-        for entry in hands.entries:
-            lines.write(json.dumps(entry, allow_nan=False, ensure_ascii=False) + "\n")
+        write_lines(lines, hands.entries)
         lines.flush()
 
 
