@@ -30,18 +30,18 @@ Numbers are rounded to `DECIMALS`.
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final
 
 import numpy as np
 
 from hand_recon.fitting.hand_entry import ALSO_WITHOUT_FIT, CLIP, KEYS, OPTIONAL, HandEntry
 from hand_recon.fitting.hand_records import SHAPES, HandRecords
 from hand_recon.fitting.hands_lines import SUFFIX, read_lines, refuse_constant
+from hand_recon.fitting.hands_list import writing_entries
 from hand_recon.fitting.origin import Moment
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 
@@ -136,10 +136,7 @@ def _json_size(size: tuple[int, int] | None) -> list[int] | None:
 def writing_hands(
     path: Path, done: Iterable[dict[str, Any]] | None = None
 ) -> Iterator[Callable[[HandRecords], None]]:
-    """Write a file of hands part by part; the file gets its name when the list is complete.
-
-    After an error, the parts written before it are kept as valid JSON under the file's name with `.part`;
-    after a kill, `finished_entries` reads the hands whose lines are whole.
+    """Write a file of hands part by part; as `writing_entries`.
 
     Args:
         path: The file.
@@ -149,45 +146,8 @@ def writing_hands(
         FileExistsError: An unfinished file of this name exists.
         ValueError: A number that must be finite is not.
     """
-    unfinished = path.with_name(f"{path.name}.part")
-    # What an interrupted run wrote is replaced only by a file that holds all of it.
-    beginning = unfinished if done is None else path.with_name(f"{path.name}.part.new")
-    with (
-        beginning.open("x" if done is None else "w", encoding="utf-8") as stream,
-        writing_list(stream) as write,
-    ):
-        if done is not None:
-            write(done)
-            os.fsync(stream.fileno())
-            os.replace(beginning, unfinished)
+    with writing_entries(path, done) as write:
         yield lambda hands: write(hand_entries(hands))
-    unfinished.rename(path)
-
-
-@contextmanager
-def writing_list(stream: TextIO) -> Iterator[Callable[[Iterable[dict[str, Any]]], None]]:
-    """Write objects as a JSON list, one to a line; the list is complete after an error, too.
-
-    Args:
-        stream: Text to write to; flushed with every call of the function that is yielded.
-
-    Raises:
-        ValueError: A number that must be finite is not.
-    """
-    separator = "[\n"
-
-    def write(entries: Iterable[dict[str, Any]]) -> None:
-        nonlocal separator
-        for entry in entries:
-            # NaN is not JSON, and most readers refuse a file with it.
-            stream.write(separator + json.dumps(entry, allow_nan=False, ensure_ascii=False))
-            separator = ",\n"
-        stream.flush()
-
-    try:
-        yield write
-    finally:
-        stream.write("\n]\n" if separator.startswith(",") else "[]\n")
 
 
 def entries_so_far(path: Path) -> list[dict[str, Any]]:

@@ -42,7 +42,20 @@ def write_lines(stream: TextIO, entries: Iterable[dict[str, Any]]) -> None:
         ValueError: A number that must be finite is not.
     """
     for entry in entries:
-        stream.write(json.dumps(entry, allow_nan=False, ensure_ascii=False) + "\n")
+        stream.write(line_of(entry) + "\n")
+
+
+def line_of(entry: dict[str, Any]) -> str:
+    """Object of a hand as one line of JSON, without its end.
+
+    Args:
+        entry: The object.
+
+    Raises:
+        ValueError: A number that must be finite is not.
+    """
+    # NaN is not JSON, and most readers refuse a file with it.
+    return json.dumps(entry, allow_nan=False, ensure_ascii=False)
 
 
 def read_lines(path: Path) -> list[Any]:

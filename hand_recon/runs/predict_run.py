@@ -16,7 +16,8 @@ from hand_recon.data.progress import with_progress
 from hand_recon.data.video.frames import FrameSource
 from hand_recon.data.video.words import frame_source, video_kind
 from hand_recon.fitting.fitted_hands import FittedHands
-from hand_recon.fitting.hands_file import hand_entries, writing_list
+from hand_recon.fitting.hands_file import hand_entries
+from hand_recon.fitting.hands_list import writing_list
 from hand_recon.fitting.in_parts import PART, fit_part
 from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.fitting.records_of_fits import to_records

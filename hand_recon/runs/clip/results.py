@@ -16,8 +16,9 @@ from hand_recon.export.angles_table import write_angles
 from hand_recon.export.animated_glb import write_animated_glb
 from hand_recon.export.bvh import write_bvh
 from hand_recon.fitting.drawing import drawn_hand
-from hand_recon.fitting.hands_file import hand_entries, writing_list
+from hand_recon.fitting.hands_file import hand_entries
 from hand_recon.fitting.hands_lines import writing_hand_lines
+from hand_recon.fitting.hands_list import writing_entries
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.motion.trajectory import Trajectory
@@ -102,15 +103,13 @@ def writing_frames(
         folder: Folder of the results.
         hands: Number of hands in all frames.
     """
-    if hands >= LINES_FROM:
-        with writing_hand_lines(folder / "hands.jsonl") as write:
-            yield write
-        return
-    path = folder / "hands.json"
-    unfinished = path.with_name("hands.json.part")
-    with unfinished.open("w", encoding="utf-8") as stream, writing_list(stream) as write:
+    writing = (
+        writing_hand_lines(folder / "hands.jsonl")
+        if hands >= LINES_FROM
+        else writing_entries(folder / "hands.json", ())
+    )
+    with writing as write:
         yield write
-    unfinished.replace(path)
 
 
 def write_motions(
