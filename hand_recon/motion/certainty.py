@@ -3,10 +3,10 @@
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from hand_recon.fitting.second_order.minima import FIXED_SIGMA
-from hand_recon.motion.estimates import ANGLES, COORDINATES
+from hand_recon.fitting.second_order.minima import FIXED_SIGMA, Minima
+from hand_recon.motion.estimates import ANGLES, COORDINATES, FrameEstimates
 
 TYPICAL: Final = 6.5
 """Mean logarithm of the information on a coordinate of a typical hand: a standard deviation of 2.2° along the
@@ -35,3 +35,24 @@ def certainty_of(
         total = total - np.log(np.where(fixed, diagonal, 1.0)).sum(axis=-1)
         ratio = np.exp(total / (COORDINATES - fixed.sum(axis=-1)) - TYPICAL)
     return np.where(sign > 0, np.clip(np.nan_to_num(ratio), *BOUNDS), BOUNDS[0])
+
+
+def estimates_of(
+    minima: Minima, frames: Int[np.ndarray, " frame"], times: Float[np.ndarray, " frame"]
+) -> FrameEstimates:
+    """Estimates of one hand in some frames.
+
+    Args:
+        minima: Minima of its loss, those of a frame in a row.
+        frames: Numbers of the frames, increasing.
+        times: Their times, seconds, increasing.
+    """
+    return FrameEstimates(
+        frames=frames,
+        times=times,
+        joint_angles=minima.parameters.joint_angles.double().numpy(),
+        root_rotation=minima.parameters.root_rotation.double().numpy(),
+        place=minima.place.double().numpy(),
+        certainty=certainty_of(minima.information.double().numpy()),
+        cost=minima.cost.double().numpy(),
+    )

@@ -1,7 +1,8 @@
 """Estimates of a fit for one hand in each frame, before frames are compared with each other (Sec. 3.3)."""
 
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final, Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -41,3 +42,13 @@ class FrameEstimates:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Estimates of several runs of frames as one.
+
+        Args:
+            parts: Estimates of one hand, in the order of their frames.
+        """
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

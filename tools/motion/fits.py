@@ -13,20 +13,18 @@ from jaxtyping import Float
 from depth.methods import Method
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.detection.detector import Side
-from hand_recon.fitting.descent import fit_minima
-from hand_recon.fitting.observation import observed
 from hand_recon.hand.model import HandModel
 from hand_recon.motion.bridging import bridged, trajectory_of
-from hand_recon.motion.certainty import certainty_of
+from hand_recon.motion.certainty import estimates_of
 from hand_recon.motion.choice import chosen_poses, poses_at, select_frames
 from hand_recon.motion.estimates import FrameEstimates
 from hand_recon.motion.filtering import LiveFilter
 from hand_recon.motion.poses import Poses
 from hand_recon.motion.smoothing import smoothed
 from hand_recon.motion.trajectory import Trajectory
-from hand_recon.runs.configuration import build_hand, instantiate
-from hand_recon.runs.fitters import build_fitter, build_objective, further_starts
-from hand_recon.runs.one_person import hands_of_person, shape_of_person
+from hand_recon.runs.clip.fitting import ShapeFit, shape_of_hands
+from hand_recon.runs.configuration import build_hand
+from hand_recon.runs.one_person import hands_of_person
 from motion.clips import MotionClip
 
 PART: Final = 64
@@ -55,37 +53,15 @@ def fitted_clip(clip: MotionClip, method: Method) -> FittedClip:
         method: Configuration of the fit.
     """
     config = method.config()
-    hand = build_hand(config)
-    descent = instantiate(config.descent)
-    sigma = config.sigma_at_half_confidence
-    shape = shape_of_person(
-        build_fitter(config, hand),
-        build_objective(config, hand),
-        descent,
-        hands_of_person(clip.landmarks),
-        sigma_at_half_confidence=sigma,
-    )
-    person = hand.of_shape(shape)
-    objective, further = build_objective(config, person), further_starts(config, person)
+    shape = shape_of_hands(config, hands_of_person(clip.landmarks))
+    fit = ShapeFit(config, shape)
     parts = []
-    for part in clip.landmarks.parts(PART):
-        seen = observed(to_crops(part).batch, sigma)
-        found = fit_minima(seen, objective, descent=descent, further=further)
-        certainty = certainty_of(found.information.double().numpy())
-        columns = (
-            found.parameters.joint_angles,
-            found.parameters.root_rotation,
-            found.place,
-            found.cost,
-        )
-        parts.append([*(column.double().numpy() for column in columns), certainty])
-    angles, rotation, place, cost, certainty = (
-        np.concatenate(column) for column in zip(*parts, strict=True)
-    )
-    estimates = FrameEstimates(
-        clip.frames, clip.frames / clip.rate, angles, rotation, place, certainty, cost
-    )
-    return FittedClip(clip, estimates, hand.landmarks_only(), shape.double().numpy())
+    for first in range(0, len(clip.landmarks), PART):
+        rows = slice(first, first + PART)
+        minima = fit(to_crops(clip.landmarks.select(rows)).batch)
+        parts.append(estimates_of(minima, clip.frames[rows], clip.frames[rows] / clip.rate))
+    hand = build_hand(config).landmarks_only()
+    return FittedClip(clip, FrameEstimates.join(parts), hand, shape.double().numpy())
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,15 @@ class Minima:
     def __len__(self) -> int:
         return len(self.cost)
 
+    def __getitem__(self, hands: slice) -> "Minima":
+        """Minima of some of the hands."""
+        return Minima(
+            self.parameters.select(hands),
+            self.place[hands],
+            self.information[hands],
+            self.cost[hands],
+        )
+
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
         """Minima of several batches as one.

@@ -3,10 +3,10 @@
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -21,10 +21,12 @@ from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.progress import with_progress
-from hand_recon.fitting.descent import fit_minima
-from hand_recon.fitting.observation import observed
+from hand_recon.fitting.descent import Descent, fit_minima
+from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.second_order.minima import Minima
-from hand_recon.motion.certainty import certainty_of
+from hand_recon.fitting.second_order.solver import QUICK
+from hand_recon.fitting.start import Start
+from hand_recon.motion.certainty import estimates_of
 from hand_recon.motion.estimates import FrameEstimates
 from hand_recon.runs.clip.hands_of_clip import HandOfClip
 from hand_recon.runs.configuration import build_hand, configure_process, instantiate, plain
@@ -176,33 +178,59 @@ def _read(path: Path) -> dict[str, np.ndarray]:
 def _fit_to_file(config: str, piece: _Piece) -> None:
     """Fit a piece in any process."""
     found = _fit_of(config, tuple(piece.shape.tolist()))(to_crops(piece.landmarks).batch)
-    usable = piece.landmarks.usable.numpy()
-    columns: dict[str, np.ndarray] = {
-        "joint_angles": found.parameters.joint_angles.double().numpy(),
-        "root_rotation": found.parameters.root_rotation.double().numpy(),
-        "place": found.place.double().numpy(),
-        "certainty": certainty_of(found.information.double().numpy()),
-        # Frames with too few landmarks have a result, which is that of the prior alone.
-        "cost": np.where(usable[:, None], found.cost.double().numpy(), np.inf),
-    }
+    frames = np.arange(len(found))
+    estimates = estimates_of(found, frames, frames.astype(float))
+    columns = {name: getattr(estimates, name).copy() for name in _FIELDS}
+    # Frames with too few landmarks have a result, which is that of the prior alone.
+    columns["cost"][~piece.landmarks.usable.numpy()] = np.inf
     _write(piece.path, columns)
 
 
 @lru_cache(maxsize=2)
-def _fit_of(text: str, shape: tuple[float, ...]) -> Callable[[HandBatch], Minima]:
+def _fit_of(text: str, shape: tuple[float, ...]) -> "ShapeFit":
     """The fit of hands of a shape, built once in each process."""
     register_resolvers()
     config = cast("DictConfig", OmegaConf.create(text))
     configure_process(config.threads)
-    hand = build_hand(config).of_shape(torch.tensor(shape))
-    objective, descent = build_objective(config, hand), instantiate(config.descent)
-    further = further_starts(config, hand)
+    return ShapeFit(config, torch.tensor(shape))
 
-    def fit(batch: HandBatch) -> Minima:
-        seen = observed(batch, config.sigma_at_half_confidence)
-        return fit_minima(seen, objective, descent=descent, further=further)
 
-    return fit
+class ShapeFit:
+    """Fit of hands of one shape, which keeps several minima of each."""
+
+    def __init__(self, config: DictConfig, shape: Tensor) -> None:
+        """Build the fit.
+
+        Args:
+            config: `conf/predict.yaml` composed and adapted.
+            shape: Shape of the hands, standard deviations.
+        """
+        self.shape = shape
+        self.sigma_at_half_confidence = config.sigma_at_half_confidence
+        hand = build_hand(config).of_shape(shape)
+        self.objective = build_objective(config, hand)
+        self.descent: Descent = instantiate(config.descent)
+        self.further = further_starts(config, hand)
+
+    def __call__(self, batch: HandBatch, near: Start | None = None) -> Minima:
+        """Minima of hands.
+
+        Args:
+            batch: The hands, in crops of 224 pixels.
+            near: Poses near them, one each, such as those of the frame before, which make it faster.
+        """
+        seen = observed(batch, self.sigma_at_half_confidence)
+        if near is None:
+            return fit_minima(seen, self.objective, descent=self.descent, further=self.further)
+
+        def starts(observation: Observation) -> Start:
+            found = [near]
+            if self.further is not None:
+                found.append(self.further(observation))
+            return Start.beside(found)
+
+        alone = replace(self.descent, starts=0)
+        return fit_minima(seen, self.objective, descent=alone, further=starts, rounds=QUICK)
 
 
 def _write(path: Path, content: np.ndarray | dict[str, np.ndarray]) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,26 +12,20 @@ from torch import Tensor
 
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.detection.detector import Side
-from hand_recon.fitting.descent import fit_minima
-from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.origin import Origin
 from hand_recon.fitting.photo_camera import CameraChoice, PhotoCamera
 from hand_recon.fitting.second_order.minima import Minima
-from hand_recon.fitting.second_order.solver import QUICK
 from hand_recon.fitting.start import Start
 from hand_recon.motion.bridging import trajectory_of
-from hand_recon.motion.certainty import certainty_of
-from hand_recon.motion.estimates import FrameEstimates
+from hand_recon.motion.certainty import estimates_of
 from hand_recon.motion.filtering import LiveFilter
 from hand_recon.motion.identity import Track
 from hand_recon.motion.identity_settings import IdentitySettings
 from hand_recon.motion.identity_steps import FrameHands, IdentityState, advance
-from hand_recon.runs.clip.fitting import shape_of_hands
+from hand_recon.runs.clip.fitting import ShapeFit, shape_of_hands
 from hand_recon.runs.clip.found_frames import FoundFrame
 from hand_recon.runs.clip.hands_of_clip import HandOfClip, camera_of_clip, hands_of_clip
 from hand_recon.runs.clip.smoothed import SmoothedHand
-from hand_recon.runs.configuration import build_hand, instantiate
-from hand_recon.runs.fitters import build_objective, further_starts
 from hand_recon.schema import HandBatch
 
 logger = logging.getLogger(__name__)
@@ -60,17 +54,15 @@ class _LiveFit:
 
     def __init__(self, config: DictConfig) -> None:
         self.config = config
-        self.descent = instantiate(config.descent)
         self.thread = ThreadPoolExecutor(1)
         self.gathered: list[HandBatch] = []
         self.estimated: Future[Tensor] | None = None
-        self._take(torch.zeros(10))
+        self.of_shape = ShapeFit(config, torch.zeros(10))
 
-    def _take(self, shape: Tensor) -> None:
-        self.shape = shape
-        self.hand = build_hand(self.config).of_shape(shape)
-        self.objective = build_objective(self.config, self.hand)
-        self.further = further_starts(self.config, self.hand)
+    @property
+    def shape(self) -> Tensor:
+        """Shape of the hands, standard deviations."""
+        return self.of_shape.shape
 
     def __call__(self, batch: HandBatch, last: list[Start | None]) -> Minima:
         """Minima of the hands of a frame.
@@ -80,19 +72,8 @@ class _LiveFit:
             last: Pose of each in the frame before; None for a new one.
         """
         self._follow_shape(batch)
-        seen = observed(batch, self.config.sigma_at_half_confidence)
         before = [start for start in last if start is not None]
-        if len(before) < len(last):
-            return fit_minima(seen, self.objective, descent=self.descent, further=self.further)
-
-        def starts(observation: Observation) -> Start:
-            found = [_stacked(before)]
-            if self.further is not None:
-                found.append(self.further(observation))
-            return Start.beside(found)
-
-        near = replace(self.descent, starts=0)
-        return fit_minima(seen, self.objective, descent=near, further=starts, rounds=QUICK)
+        return self.of_shape(batch, _stacked(before) if len(before) == len(last) else None)
 
     def _follow_shape(self, batch: HandBatch) -> None:
         """Gather hands, have their shape estimated once there are enough, and take it when it is known."""
@@ -103,7 +84,7 @@ class _LiveFit:
                 self.estimated = self.thread.submit(shape_of_hands, self.config, some)
                 self.gathered = []
         elif self.estimated.done() and not self.shape.any():
-            self._take(self.estimated.result())
+            self.of_shape = ShapeFit(self.config, self.estimated.result())
 
 
 class LiveHands:
@@ -182,15 +163,7 @@ class LiveHands:
         """The next pose of a hand."""
         track = hand.track
         here = minima.parameters.select(slice(row, row + 1))
-        estimates = FrameEstimates(
-            frames=track.frames,
-            times=track.times,
-            joint_angles=here.joint_angles.double().numpy(),
-            root_rotation=here.root_rotation.double().numpy(),
-            place=minima.place[row : row + 1].double().numpy(),
-            certainty=certainty_of(minima.information[row : row + 1].double().numpy()),
-            cost=minima.cost[row : row + 1].double().numpy(),
-        )
+        estimates = estimates_of(minima[row : row + 1], track.frames, track.times)
         known, before = self._known(track), self.hands.get(track.number)
         motion = LiveFilter(self.seconds) if known is None else known.motion
         poses = motion.update(estimates)
