@@ -25,13 +25,12 @@ from hand_recon.export.joint_motion import (
     JointMotion,
     check_motions,
     local_rotations,
-    mirror_of,
     motion_of,
 )
 from hand_recon.export.new_file import write_new
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import FINGERS, JOINT_OF_LANDMARK, JOINTS, PARENTS, TIPS
-from hand_recon.motion.trajectory import Trajectory
+from hand_recon.motion.trajectory import Trajectory, mirror_of
 
 STEADY: Final = 0.05
 """Largest deviation of a frame's time from a constant rate at which frames are taken as they are, frames."""

@@ -15,10 +15,9 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from hand_recon.detection.detector import Side
 from hand_recon.hand.anatomical_frame import joint_rotations
 from hand_recon.hand.model import HandModel
-from hand_recon.motion.trajectory import Trajectory
+from hand_recon.motion.trajectory import Trajectory, mirror_of
 from hand_recon.rendering.mesh_files import CAMERA_TO_GLTF
 
 SINGLE_FRAME: Final = 1 / 30
@@ -79,11 +78,6 @@ def check_motions(trajectories: Sequence[Trajectory]) -> None:
                 f"Hand {trajectory.hand} begins at {trajectory.times[0]:g} s; expected times from the clip's "
                 "start, from 0. Subtract the time of the clip's first frame from all hands."
             )
-
-
-def mirror_of(side: Side) -> Float[np.ndarray, "3"]:
-    """Factors of x, y and z from a right hand's frame to that of a hand of the given side."""
-    return np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
 
 
 def rig_of(trajectory: Trajectory, hand: HandModel) -> Rig:

@@ -1,7 +1,5 @@
 """Motion at every frame: gaps are bridged by the model of smoothing, and left hands mirrored back."""
 
-from typing import Final
-
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
@@ -10,10 +8,7 @@ from hand_recon.detection.detector import Side
 from hand_recon.motion.estimates import ANGLES, PLACE, ROTATION
 from hand_recon.motion.poses import Poses, coordinates_of, rotated
 from hand_recon.motion.smoothing import within
-from hand_recon.motion.trajectory import Trajectory
-
-MIRROR: Final = np.array([-1.0, 1.0, 1.0])
-"""Factors of the camera's axes that make a left hand of a right one."""
+from hand_recon.motion.trajectory import Trajectory, mirror_of
 
 
 def bridged(
@@ -110,18 +105,15 @@ def trajectory_of(
     """
     depth = np.exp(poses.place[:, 2:])
     translation = np.concatenate([poses.place[:, :2] * depth, depth], axis=1)
-    rotation = poses.root_rotation
-    if side == "left":
-        translation = translation * MIRROR
-        rotation = MIRROR[:, None] * rotation * MIRROR
+    mirror = mirror_of(side)
     return Trajectory(
         hand=hand,
         side=side,
         frames=poses.frames,
         times=poses.times,
         joint_angles=poses.joint_angles,
-        root_rotation=rotation,
-        translation=translation,
+        root_rotation=mirror[:, None] * poses.root_rotation * mirror,
+        translation=translation * mirror,
         shape=shape,
         observed=poses.certainty > 0,
     )

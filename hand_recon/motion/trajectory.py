@@ -58,3 +58,14 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+
+def mirror_of(side: Side) -> Float[np.ndarray, "3"]:
+    """Factors of x, y and z from a right hand's frame to that of a hand of a side.
+
+    They also lead from the camera's frame to that in which a left hand is a right one.
+
+    Args:
+        side: Side of the hand.
+    """
+    return np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])

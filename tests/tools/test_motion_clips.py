@@ -9,8 +9,8 @@ import torch
 
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.motion.bridging import trajectory_of
+from hand_recon.motion.posing import landmarks_of
 from motion.clips import MotionClip, landmark_clip, made_up_clip
-from motion.fits import landmarks_of
 from motion.scores import flips_of, markdown, scores_of_truth
 from tests.support.made_up_motion import moving_poses
 

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from depth.methods import Method
@@ -129,22 +128,3 @@ def _made(
     side: Side = "left" if bool(fitted.clip.landmarks.left[0]) else "right"
     trajectory = trajectory_of(whole, hand=1, side=side, shape=fitted.shape)
     return Motion(name, poses, trajectory, milliseconds)
-
-
-@torch.no_grad()
-def landmarks_of(
-    trajectory: Trajectory, hand: HandModel
-) -> Float[np.ndarray, "frame landmark=21 3"]:
-    """Landmarks of a hand of its own side, camera frame, metres.
-
-    Args:
-        trajectory: The motion.
-        hand: Hand model.
-    """
-    angles = torch.from_numpy(trajectory.joint_angles).float()
-    shape = torch.from_numpy(trajectory.shape).float().expand(len(angles), 10)
-    points = hand(angles, shape).landmarks.double().numpy()
-    if trajectory.side == "left":
-        points = points * [-1.0, 1.0, 1.0]
-    turned = points @ trajectory.root_rotation.swapaxes(1, 2)
-    return np.asarray(turned + trajectory.translation[:, None])

@@ -12,8 +12,9 @@ from depth.scores import aligned_errors, second_view_errors
 from hand_recon.hand.skeleton import ROOT_LANDMARK
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.motion.jitter import acceleration_error, jitter_millimetres, jitter_pixels
+from hand_recon.motion.posing import landmarks_of
 from motion.clips import MotionClip
-from motion.fits import FittedClip, Motion, landmarks_of
+from motion.fits import FittedClip, Motion
 
 AWAY: Final = np.deg2rad(25)
 """Distance of a finger's nine angles from those between its neighbours in time that is a flip."""

@@ -16,9 +16,10 @@ from hand_recon.fitting.observation import observed
 from hand_recon.fitting.origin import Moment
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.fitting.second_order.solver import SecondOrder
-from hand_recon.motion.trajectory import Trajectory
+from hand_recon.motion.posing import right_hands
+from hand_recon.motion.trajectory import Trajectory, mirror_of
 from hand_recon.runs.clip.hands_of_clip import HandOfClip
-from hand_recon.schema import HandBatch, HandParameters
+from hand_recon.schema import HandBatch
 
 OF_LANDMARKS: Final = ("score", "observed_2d", "sigma_2d", "covariance_3d", "residual")
 """Numbers that a hand does not have in a frame in which it was not seen."""
@@ -105,7 +106,7 @@ class ClipPoses:
         motion, origin = smoothed.motion, smoothed.hand.origins[0]
         parameters = right_hands(motion, rows)
         posed = self.objective.hand.to_camera(parameters)
-        sign = np.array([-1.0 if motion.side == "left" else 1.0, 1.0, 1.0])
+        sign = mirror_of(motion.side)
         points = posed.landmarks.double().numpy() * sign
         intrinsics = smoothed.hand.landmarks.intrinsics
         if intrinsics is None:
@@ -139,19 +140,3 @@ class ClipPoses:
             **nothing,
         )
         return records, posed.vertices.double().numpy() * sign
-
-
-def right_hands(motion: Trajectory, rows: Int[np.ndarray, " row"]) -> HandParameters:
-    """Parameters of some frames of a motion; those of a left hand are of the right one that it mirrors.
-
-    Args:
-        motion: The motion.
-        rows: Positions of the frames.
-    """
-    rotation, translation = motion.root_rotation[rows], motion.translation[rows]
-    if motion.side == "left":
-        mirror = np.diag([-1.0, 1.0, 1.0])
-        rotation, translation = mirror @ rotation @ mirror, translation @ mirror
-    shape = np.tile(motion.shape, (len(rows), 1))
-    columns = (motion.joint_angles[rows], shape, rotation, translation)
-    return HandParameters(*(torch.from_numpy(np.ascontiguousarray(one)).float() for one in columns))

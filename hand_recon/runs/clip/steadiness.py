@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from hand_recon.hand.model import HandModel
 from hand_recon.motion.jitter import jitter_millimetres, jitter_pixels
-from hand_recon.motion.trajectory import Trajectory
+from hand_recon.motion.posing import landmarks_of
 from hand_recon.runs.clip.motion_of_hands import HandMotion
-from hand_recon.runs.clip.smoothed import right_hands
 
 
 def steadiness(
@@ -37,19 +35,6 @@ def steadiness(
             row[f"jitter_{name}_px"] = _rounded(jitter_pixels(pixels, one.times))
         rows.append(row)
     return rows
-
-
-def landmarks_of(motion: Trajectory, hand: HandModel) -> Float[np.ndarray, "frame landmark=21 3"]:
-    """Landmarks of a motion, camera frame, metres; left hands are left hands.
-
-    Args:
-        motion: The motion.
-        hand: The hand model, of right hands.
-    """
-    with torch.no_grad():
-        found = hand.to_camera(right_hands(motion, np.arange(len(motion)))).landmarks
-    sign = np.array([-1.0 if motion.side == "left" else 1.0, 1.0, 1.0])
-    return np.asarray(found.double().numpy() * sign)
 
 
 def _rounded(value: float) -> float | None:
