@@ -1,7 +1,6 @@
-"""Camera files: every tool's form, lens distortion, image sizes, and matrices that cannot be right."""
+"""Camera files: every tool's form, lens distortion, and files that hold no camera."""
 
 import json
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
 
 from hand_recon.data.landmarks.cameras import with_cameras
 from hand_recon.data.landmarks.distortion import undistorted
 from hand_recon.data.landmarks.files import read_landmarks
-from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from tests.support.camera_files import MATRIX, POINTS, given_camera
 from tests.support.landmark_writing import written
 
-MATRIX = [[800.0, 0.0, 330.0], [0.0, 810.0, 235.0], [0.0, 0.0, 1.0]]
 BROWN = [-0.3, 0.12, 0.001, -0.002, 0.01]
 FISHEYE = [0.05, -0.01, 0.002, 0.0]
 NONE = [0.0] * 5
-POINTS = np.random.default_rng(3).uniform([100, 80], [540, 400], (2, 21, 2)).round(2)
 
 FLAT = [800.0, 0, 330, 0, 810, 235, 0, 0, 1]
 OPENCV_YAML = f"""%YAML:1.0
@@ -98,17 +94,6 @@ FORMS: dict[str, tuple[str, list[float]]] = {
     "COLMAP": ("# Camera list\n1 OPENCV 640 480 800 810 330 235 -0.3 0.12 0.001 -0.002\n", BROWN[:4]),
     "COLMAP pinhole": ("1 PINHOLE 640 480 800 810 330 235\n", NONE),
 }  # fmt: skip
-
-
-def given_camera(
-    tmp_path: Path,
-    text: str,
-    points: np.ndarray = POINTS,
-    **hand: Any,  # noqa: ANN401
-) -> ImageLandmarks:
-    hands = [{"landmarks": some.tolist(), "side": "right", **hand} for some in points]
-    (tmp_path / "K").write_text(text)
-    return read_landmarks(written(tmp_path, hands), tmp_path / "K")
 
 
 def distorted(straight: np.ndarray, coefficients: list[float]) -> np.ndarray:
@@ -221,79 +206,6 @@ def test_any_json_is_a_camera_or_a_value_error(
         return
     assert landmarks.intrinsics is not None
     assert landmarks.intrinsics.isfinite().all()
-
-
-# --- size of the image --------------------------------------------------------------------------
-
-SHARES = [[1.25, 0.0, 0.515625], [0.0, 1.6875, 235 / 480], [0.0, 0.0, 1.0]]
-"""The matrix divided by 640 × 480."""
-
-
-@pytest.mark.parametrize("source", ["camera", "image"])
-def test_a_matrix_divided_by_the_image_size_is_multiplied_by_it(
-    tmp_path: Path, source: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    Image.new("RGB", (640, 480)).save(tmp_path / "a.png")
-    extra = {"image_size": [640, 480]} if source == "camera" else {}
-    hand: dict[str, Any] = {"image": "a.png"} if source == "image" else {}
-    landmarks = given_camera(tmp_path, json.dumps({"K": SHARES, **extra}), **hand)
-    assert landmarks.intrinsics is not None
-    np.testing.assert_allclose(landmarks.intrinsics[1].numpy(), MATRIX)
-    assert "look to be divided by the image's size" in caplog.text
-
-
-def test_a_matrix_divided_by_an_unknown_size_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"divided by the image's size.*not known.*image_size"):
-        given_camera(tmp_path, json.dumps(SHARES))
-    with pytest.raises(ValueError, match=r"divided by the image's size.*not known"):
-        read_landmarks(written(tmp_path, [{"landmarks": POINTS[0].tolist(), "K": SHARES}]))
-    # Both rows divided by the width: the focal lengths would differ by 640 / 480.
-    both = [[1.25, 0.0, 0.5], [0.0, 1.25, 0.375], [0.0, 0.0, 1.0]]
-    with pytest.raises(ValueError, match="focal lengths are 800 and 600, which differ"):
-        given_camera(tmp_path, json.dumps({"K": both, "image_size": [640, 480]}))
-
-
-def test_a_matrix_of_an_enlarged_image_is_scaled(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    Image.new("RGB", (640, 480)).save(tmp_path / "a.png")
-    double = [[1600, 0, 660], [0, 1620, 470], [0, 0, 1]]
-    camera = {"K": double, "image_size": [1280, 960]}
-    landmarks = given_camera(tmp_path, json.dumps(camera), image="a.png")
-    assert landmarks.intrinsics is not None
-    assert landmarks.intrinsics.tolist() == [MATRIX] * 2
-    assert (
-        "is of an image of 1280 × 960 pixels, and the landmarks are of one of 640 × 480; it is scaled"
-        in (caplog.text)
-    )
-    with pytest.raises(
-        ValueError, match=r"image of 480 × 640 pixels.*another aspect: it is rotated"
-    ):
-        given_camera(tmp_path, json.dumps({"K": MATRIX, "image_size": [480, 640]}), image="a.png")
-
-
-@pytest.mark.parametrize(
-    ("camera", "words"),
-    [
-        ({"K": MATRIX, "image_size": [640, 480]}, ()),
-        (MATRIX, ()),
-        ({"K": MATRIX, "image_size": [1920, 1080]}, ("far from the middle of the image of 1920 × 1080",)),
-        ([[800, 0, 2000], [0, 800, 1500], [0, 0, 1]], ("2 of 2 hands are more than 60° from the",)),
-        ([[90, 0, 1500], [0, 90, 235], [0, 0, 1]], ("more than 60° from the camera's axis",)),
-        ({"K": [[400, 0, 160], [0, 400, 120], [0, 0, 1]], "image_size": [320, 240]},
-         ("most landmarks lie outside of the image", "320 × 240")),
-    ],
-)  # fmt: skip
-def test_a_camera_of_another_image_is_warned_of(
-    tmp_path: Path,
-    camera: Any,  # noqa: ANN401
-    words: tuple[str, ...],
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    with caplog.at_level(logging.WARNING):
-        given_camera(tmp_path, json.dumps(camera), POINTS + np.array([0, 40]))
-    assert bool(caplog.text) == bool(words)
-    assert all(part in caplog.text for part in words)
 
 
 def test_cameras_must_be_one_or_as_many_as_hands(tmp_path: Path) -> None:
