@@ -4,12 +4,13 @@ A list has to be read as a whole; lines can be read one by one, and appended to.
 """
 
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TextIO
+
+from hand_recon.data.whole_files import replaced_when_whole
 
 SUFFIX: Final = ".jsonl"
 """Suffix of files of lines."""
@@ -25,10 +26,11 @@ def writing_hand_lines(path: Path) -> Iterator[Callable[[Iterable[dict[str, Any]
     Raises:
         ValueError: A number that must be finite is not.
     """
-    unfinished = path.with_name(f"{path.name}.part")
-    with unfinished.open("w", encoding="utf-8") as stream:
+    with (
+        replaced_when_whole(path) as unfinished,
+        unfinished.open("w", encoding="utf-8") as stream,
+    ):
         yield partial(write_lines, stream)
-    os.replace(unfinished, path)
 
 
 def write_lines(stream: TextIO, entries: Iterable[dict[str, Any]]) -> None:

@@ -13,6 +13,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from hand_recon import __version__
+from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.runs.configuration import plain
 
 try:
@@ -199,7 +200,5 @@ def _read(mark: Path) -> dict[str, Any]:
 
 
 def _write(mark: Path, settings: dict[str, Any]) -> None:
-    # Complete or absent, also after a kill.
-    partial = mark.with_name(f"{mark.name}.part")
-    partial.write_text(json.dumps(settings, indent=1), encoding="utf-8")
-    os.replace(partial, mark)
+    with replaced_when_whole(mark) as unfinished:
+        unfinished.write_text(json.dumps(settings, indent=1), encoding="utf-8")

@@ -21,6 +21,7 @@ from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.progress import with_progress
+from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.fitting.descent import Descent, fit_minima
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.second_order.minima import Minima
@@ -235,10 +236,8 @@ class ShapeFit:
 
 def _write(path: Path, content: np.ndarray | dict[str, np.ndarray]) -> None:
     """Write an array or several; the file has its name only when it is whole."""
-    partial_file = path.with_name(f"{path.name}.part")
-    with partial_file.open("wb") as stream:
+    with replaced_when_whole(path) as unfinished, unfinished.open("wb") as stream:
         if isinstance(content, dict):
             np.savez(stream, **cast("dict[str, Any]", content))
         else:
             np.save(stream, content)
-    os.replace(partial_file, path)

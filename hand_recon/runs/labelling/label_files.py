@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.runs.labelling.label_records import LabelledHand, LabelledImage, listed
 from hand_recon.runs.photo_results import appending, read_progress
 
@@ -85,9 +85,8 @@ def write_labels(path: Path, pairs: Sequence[Pair], about: Mapping[str, Any]) ->
     }
     tail = "".join(f",\n{json.dumps(key)}: {json.dumps(values)}" for key, values in beside.items())
     text = f'{{"about": {json.dumps(dict(about))},\n"hands": [\n{hands}\n]{tail}}}\n'
-    partial = path.with_name(f"{path.name}.part")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
+    with replaced_when_whole(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def _entry(image: LabelledImage, hand: LabelledHand) -> dict[str, Any]:
