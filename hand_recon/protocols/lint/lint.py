@@ -15,6 +15,7 @@ from torch import Tensor
 
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.protocols.benchmarks import Protocol
+from hand_recon.protocols.lint.axes import some_mirrored, wrong_axes
 from hand_recon.protocols.lint.evidence import (
     Confidence,
     Hands,
@@ -29,8 +30,6 @@ from hand_recon.protocols.lint.placement import (
     constant_note,
     flat,
     root_relative_note,
-    some_mirrored,
-    wrong_axes,
     wrong_unit,
 )
 from hand_recon.protocols.lint.surface import apart, without_correspondence

@@ -10,8 +10,9 @@ from torch import Tensor
 from hand_recon.evaluation.alignment import align_official
 from hand_recon.evaluation.point_error import point_errors
 from hand_recon.protocols.benchmarks import UNITS
+from hand_recon.protocols.lint.axes import FLIPS, Signs
 from hand_recon.protocols.lint.evidence import Hands, Suspicion, clearly_better, sizes
-from hand_recon.protocols.lint.placement import ABOUT, FLIPS, Signs
+from hand_recon.protocols.lint.placement import ABOUT
 
 APART: Final = 0.5
 """Largest mean distance of landmarks from the nearest vertex, over the mesh's size: 0.1 for hands, and
