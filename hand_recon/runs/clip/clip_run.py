@@ -16,7 +16,7 @@ from rich.table import Table
 
 from hand_recon.data.progress import with_progress
 from hand_recon.data.video.frames import FrameSource, VideoError
-from hand_recon.fitting.photo_camera import CameraChoice, parse_camera
+from hand_recon.fitting.photo_camera import parse_camera
 from hand_recon.hand.model import HandModel
 from hand_recon.motion.identity import Identities, identify
 from hand_recon.motion.identity_settings import IdentitySettings
@@ -109,14 +109,16 @@ class _ClipRun:
         self.options: MotionOptions = instantiate(config.motion)
         self.unfinished = folder / "unfinished"
         self.unfinished.mkdir(exist_ok=True)
+        self.choice = parse_camera(str(config.camera), 1)
         self.hand: HandModel = build_hand(config)
+        self.objective = build_objective(config, self.hand)
         self.seconds: dict[str, float] = {}
 
     def all(self) -> dict[str, Any]:
         """Run all stages, and sum up."""
         detector = build_detector(self.config)
         with self._timed("find"):
-            look = None if self.network is None else looker(self.network, self._camera())
+            look = None if self.network is None else looker(self.network, self.choice)
             follow = follower(detector, self.options.palms_every, self.options.copies)
             finding = Finding(self.source, follow, look)
             frames = finding.into(self.unfinished / "frames.jsonl")
@@ -127,7 +129,7 @@ class _ClipRun:
         hands = hands_of_clip(
             frames,
             identities.tracks,
-            self._camera(),
+            self.choice,
             name=Path(self.source.name).name,
             origin=origin,
         )
@@ -168,10 +170,6 @@ class _ClipRun:
                 "may be too small, cut off or blurred; detector.min_palm_score=0.3 looks less strictly."
             )
         return found
-
-    def _camera(self) -> CameraChoice:
-        """Rule for the one camera of all frames."""
-        return parse_camera(str(self.config.camera), 1)
 
     def _written(
         self,
@@ -223,7 +221,7 @@ class _ClipRun:
     ) -> Iterator[FrameOfHands]:
         """Hands of every frame, with progress; drawings do not show the covariances of landmarks."""
         poses = ClipPoses(
-            build_objective(self.config, self.hand),
+            self.objective,
             instantiate(self.config.descent),
             self.config.sigma_at_half_confidence,
             with_covariance=not drawn,
