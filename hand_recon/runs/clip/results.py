@@ -11,14 +11,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from hand_recon.export.angles_plot import write_angles_plot
-from hand_recon.export.angles_table import write_angles
-from hand_recon.export.animated_glb import write_animated_glb
-from hand_recon.export.bvh import write_bvh
 from hand_recon.fitting.drawing import drawn_hand
 from hand_recon.fitting.hands_file import hand_entries
 from hand_recon.fitting.hands_lines import writing_hand_lines
 from hand_recon.fitting.hands_list import writing_entries
+from hand_recon.formats.angles_plot import write_angles_plot
+from hand_recon.formats.angles_table import write_angles
+from hand_recon.formats.animated_glb import write_animated_glb
+from hand_recon.formats.bvh import write_bvh
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.motion.trajectory import Trajectory

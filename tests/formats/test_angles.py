@@ -10,14 +10,14 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from hand_recon.detection.detector import Side
-from hand_recon.export.angles_plot import (
+from hand_recon.formats.angles_plot import (
     angles_figure,
     bridged_steps,
     lone_frames,
     write_angles_plot,
 )
-from hand_recon.export.angles_table import write_angles
-from hand_recon.export.hand_colours import hand_colours
+from hand_recon.formats.angles_table import write_angles
+from hand_recon.formats.hand_colours import hand_colours
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.motion.trajectory import Trajectory
 from hand_recon.visualization.hand_overlay import HAND_COLOURS

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hand_recon.detection.detector import Side
-from hand_recon.export.bvh import bvh, to_euler_degrees, write_bvh
+from hand_recon.formats.bvh import bvh, to_euler_degrees, write_bvh
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import JOINTS, PARENTS, TIPS
 from hand_recon.motion.trajectory import Trajectory

@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hand_recon.export.animated_glb import animated_glb
-from hand_recon.export.joint_motion import to_quaternions
-from hand_recon.export.skin import strongest
+from hand_recon.formats.animated_glb import animated_glb
+from hand_recon.formats.joint_motion import to_quaternions
+from hand_recon.formats.skin import strongest
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import load_open_hand
 from tests.support.glb_reader import GlbReader

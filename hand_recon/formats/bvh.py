@@ -20,14 +20,14 @@ import torch
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
-from hand_recon.export.joint_motion import (
+from hand_recon.formats.joint_motion import (
     SINGLE_FRAME,
     JointMotion,
     check_motions,
     local_rotations,
     motion_of,
 )
-from hand_recon.export.new_file import write_new
+from hand_recon.formats.new_file import write_new
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import FINGERS, JOINT_OF_LANDMARK, JOINTS, PARENTS, TIPS
 from hand_recon.motion.trajectory import Trajectory, mirror_of

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from hand_recon.export.glb_document import GlbDocument
-from hand_recon.export.hand_colours import hand_colours
-from hand_recon.export.joint_motion import (
+from hand_recon.formats.glb_document import GlbDocument
+from hand_recon.formats.hand_colours import hand_colours
+from hand_recon.formats.joint_motion import (
     SINGLE_FRAME,
     Rig,
     check_motions,
@@ -29,8 +29,8 @@ from hand_recon.export.joint_motion import (
     rig_of,
     to_quaternions,
 )
-from hand_recon.export.new_file import write_new
-from hand_recon.export.skin import largest_difference, left_out_of, strongest
+from hand_recon.formats.new_file import write_new
+from hand_recon.formats.skin import largest_difference, left_out_of, strongest
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import JOINTS, PARENTS
 from hand_recon.motion.trajectory import Trajectory

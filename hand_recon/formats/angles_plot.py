@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hand_recon.export.hand_colours import hand_colours
-from hand_recon.export.joint_motion import SINGLE_FRAME, check_motions
-from hand_recon.export.new_file import write_new
+from hand_recon.formats.hand_colours import hand_colours
+from hand_recon.formats.joint_motion import SINGLE_FRAME, check_motions
+from hand_recon.formats.new_file import write_new
 from hand_recon.hand.skeleton import ARTICULATED, AXES, FINGERS
 from hand_recon.knowledge.ranges import RangeOfMotion
 from hand_recon.motion.trajectory import Trajectory

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from hand_recon.export.joint_motion import check_motions
-from hand_recon.export.new_file import write_new
 from hand_recon.fitting.hands_file import DECIMALS
 from hand_recon.fitting.hands_tables import ANGLES
+from hand_recon.formats.joint_motion import check_motions
+from hand_recon.formats.new_file import write_new
 from hand_recon.motion.trajectory import Trajectory
 
 COLUMNS: Final = ("hand", "side", "frame", "time_s", "observed", *ANGLES)

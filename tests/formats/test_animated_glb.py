@@ -11,7 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation, Slerp
 
 from hand_recon.detection.detector import Side
-from hand_recon.export.animated_glb import animated_glb, write_animated_glb
+from hand_recon.formats.animated_glb import animated_glb, write_animated_glb
 from hand_recon.hand.anatomical_frame import joint_rotations
 from hand_recon.hand.model import HandModel
 from hand_recon.motion.trajectory import Trajectory
