@@ -71,7 +71,7 @@ def test_every_locked_version_has_hashes() -> None:
 def test_every_declared_dependency_is_locked_at_a_version_that_is_allowed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
-    locked = ("train", "detect", "heif", "dev")
+    locked = ("train", "detect", "heif", "onnx", "demo", "dev")
     declared = [*project["dependencies"], *(line for name in locked for line in extras[name])]
     entries = lock_entries()
     for requirement in map(Requirement, declared):
@@ -96,7 +96,9 @@ def test_every_imported_package_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     # What training, the detector, HEIC images and backbones need besides are extras of their own.
     extras = project["optional-dependencies"]
-    used = ("train", "detect", "heif", "backbone", "timm")
+    used = (
+        "train", "detect", "heif", "backbone", "timm", "onnx", "demo", "usd", "rerun"
+    )  # fmt: skip
     lines = [*project["dependencies"], *(line for name in used for line in extras[name])]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}
     providers = importlib.metadata.packages_distributions()
