@@ -1,5 +1,6 @@
 """Files that are written once and never replaced."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -19,7 +20,23 @@ def write_new(path: str | Path, content: bytes) -> Path:
         with path.open("xb") as stream:
             stream.write(content)
     except FileExistsError as error:
-        raise FileExistsError(
-            f"{path} exists and is not overwritten; name another file or remove it."
-        ) from error
+        raise FileExistsError(_exists(path)) from error
     return path
+
+
+def refuse_existing(paths: Iterable[Path]) -> None:
+    """Check that nothing stands at the places of files that another library will write.
+
+    Args:
+        paths: The files.
+
+    Raises:
+        FileExistsError: There is a file or folder of one of these names.
+    """
+    for path in paths:
+        if path.exists():
+            raise FileExistsError(_exists(path))
+
+
+def _exists(path: Path) -> str:
+    return f"{path} exists and is not overwritten; name another file or remove it."

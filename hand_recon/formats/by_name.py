@@ -1,0 +1,153 @@
+"""Formats of other programs by their names: what the command `export` and the page offer.
+
+    hands = exported_hands(read_hands("hands.json"), hand)
+    write("glb", hands, folder)
+
+Every writer takes hands and a folder, and returns the files that it wrote there. Names of files begin with
+the scene's name (`clip`, or the photograph's), and no file is ever replaced.
+"""
+
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final, Literal
+
+from hand_recon.formats.animated_glb import write_animated_glb
+from hand_recon.formats.bvh import write_bvh
+from hand_recon.formats.clinical_table import write_clinical_table
+from hand_recon.formats.exported_hands import ExportedHands
+from hand_recon.formats.mesh_sequence import write_mesh_sequence
+
+Writer = Callable[[ExportedHands, Path], list[Path]]
+
+Holds = Literal["all", "scene", "hand", "frame"]
+"""Contents of one file: all hands, those of one scene, one hand, or one frame of a scene."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of another program."""
+
+    name: str
+    """Name on the command line and in the page."""
+    purpose: str
+    """Programs that read it, in a line."""
+    suffix: str
+    """End of a file's name."""
+    holds: Holds
+    """Contents of one file."""
+    writer: Writer
+    """Function that writes hands to a folder."""
+    module: str | None = None
+    """Package that it needs besides; None for none."""
+    extra: str | None = None
+    """Extra of hand_recon with that package."""
+    hand: str | None = None
+    """Hand model that it needs; None for any."""
+
+    @property
+    def is_available(self) -> bool:
+        """True if the package that it needs is installed."""
+        return self.module is None or importlib.util.find_spec(self.module) is not None
+
+
+def write(name: str, hands: ExportedHands, folder: str | Path) -> list[Path]:
+    """Write hands in one format; folders are made.
+
+    Args:
+        name: A key of `FORMATS`.
+        hands: The hands.
+        folder: Folder to write to.
+
+    Returns:
+        The files, in the order of scenes and hands.
+
+    Raises:
+        FileExistsError: A file exists.
+        ModuleNotFoundError: The format needs a package that is not installed.
+        ValueError: The format is unknown, needs another hand model, or cannot hold these hands.
+    """
+    chosen = format_named(name)
+    check(chosen, hands)
+    return chosen.writer(hands, Path(folder))
+
+
+def check(chosen: Format, hands: ExportedHands) -> None:
+    """Check that a format can be written.
+
+    Args:
+        chosen: The format.
+        hands: The hands.
+
+    Raises:
+        ModuleNotFoundError: It needs a package that is not installed.
+        ValueError: It needs another hand model.
+    """
+    if not chosen.is_available:
+        raise ModuleNotFoundError(
+            f"format={chosen.name} needs {chosen.module}, which is not installed. Install the extra: "
+            f"pip install 'hand_recon[{chosen.extra}]'.",
+            name=chosen.module,
+        )
+    if chosen.hand not in (None, hands.hand.name):
+        raise ValueError(
+            f"format={chosen.name} needs hands of the hand model {chosen.hand}; these are of "
+            f"{hands.hand.name}. Make them with hand={chosen.hand}: hand-recon predict … hand={chosen.hand}."
+        )
+
+
+def format_named(name: str) -> Format:
+    """Look a format up.
+
+    Args:
+        name: Its name.
+
+    Raises:
+        ValueError: There is no such format.
+    """
+    if name not in FORMATS:
+        raise ValueError(f"Unknown format {name!r}; expected one of {', '.join(FORMATS)}.")
+    return FORMATS[name]
+
+
+def _glb(hands: ExportedHands, folder: Path) -> list[Path]:
+    return [
+        write_animated_glb(folder / f"{scene.name}.glb", scene.trajectories, hands.hand)
+        for scene in hands.scenes
+    ]
+
+
+def _bvh(hands: ExportedHands, folder: Path) -> list[Path]:
+    return [
+        write_bvh(folder / f"{scene.name}_{one.name}.bvh", one.trajectory, hands.hand)
+        for scene, one in hands
+    ]
+
+
+def _csv(hands: ExportedHands, folder: Path) -> list[Path]:
+    return [write_clinical_table(folder / "angles.csv", hands)]
+
+
+def _meshes(suffix: str, hands: ExportedHands, folder: Path) -> list[Path]:
+    return [
+        path
+        for scene in hands.scenes
+        for path in write_mesh_sequence(folder, scene, hands.hand, suffix)
+    ]
+
+
+FORMATS: Final = {
+    one.name: one
+    for one in (
+        Format(
+            "glb", "skinned, animated hands for viewers, game engines and Blender", ".glb", "scene", _glb,
+        ),
+        Format("bvh", "skeleton and motion for animation programs", ".bvh", "hand", _bvh),
+        Format("csv", "joint angles in degrees under their clinical names", ".csv", "all", _csv),
+        Format("obj", "a mesh for each frame", ".obj", "frame", partial(_meshes, ".obj")),
+        Format("ply", "a mesh for each frame, with colours", ".ply", "frame", partial(_meshes, ".ply")),
+    )
+}  # fmt: skip
+"""Every format by its name, in the order in which they are offered."""
