@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs-images clean
+.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -121,6 +121,9 @@ lock: $(STAMP)  ## Lock again, keeping every version that still fits; ARGS=--upg
 asset: $(STAMP)  ## Build the open hand again from its source (installs the assets extra).
 	$(UV) pip install --constraints requirements.lock --requirements pyproject.toml --extra assets
 	$(BIN)/python tools/build_open_hand.py
+
+docs: $(STAMP)  ## Build the documents as a site in outputs/site; a broken link is an error.
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d outputs/site/.doctrees . outputs/site
 
 docs-images: $(STAMP)  ## Draw the pictures of the open hand in docs/images again.
 	$(BIN)/python tools/draw_open_hand.py

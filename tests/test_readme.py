@@ -4,25 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra.core.hydra_config import HydraConfig
 
-from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
 from hand_recon.command_line.verbs import VERBS
-from hand_recon.command_line.words import to_overrides
-from hand_recon.prepare import CONFIGURATIONS
+from tests.support.shown_commands import compose_command, shown_commands
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
-COMMANDS = sorted(
-    {
-        found[1].partition("#")[0].partition(" | ")[0].strip()
-        for found in re.finditer(
-            r"hand-recon ((?:predict|fit|train|evaluate|score|report|figures|doctor|prepare)\b[^`\n]*)",
-            README,
-        )
-    }
-)
+COMMANDS = shown_commands(ROOT / "README.md")
 
 
 def test_the_python_of_the_readme_runs_as_it_stands(
@@ -44,20 +32,7 @@ def test_the_readme_shows_every_verb() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_of_the_readme_composes(command: str) -> None:
-    verb, *words = (
-        command.replace("…", "/nowhere").replace("/nowhere lifter", "h.json lifter").split()
-    )
-    config = CONFIGURATIONS.get(words[0], verb) if verb == "prepare" else verb
-    overrides = to_overrides(
-        words, VERBS[verb], known_names(config), booleans=booleans(config), groups=groups(config)
-    )
-    overrides = [
-        word if word.startswith("input=") else word.split(",")[0]
-        for word in overrides
-        if word != "-m"
-    ]
-    with initialize_config_dir(CONF, version_base="1.3"):
-        HydraConfig.instance().set_config(compose(config, overrides, return_hydra_config=True))
+    compose_command(command)
 
 
 def test_the_first_command_comes_early() -> None:
