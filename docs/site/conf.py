@@ -5,7 +5,6 @@ is the same on the site and in the repository.
 """
 
 from importlib.metadata import version as installed_version
-from typing import Any
 
 from sphinx.application import Sphinx
 
@@ -61,7 +60,9 @@ def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", _restore, priority=600)
 
 
-def _keep(_app: Sphinx, what: str, name: str, _value: Any, _options: Any, lines: list[str]) -> None:  # noqa: ANN401
+def _keep(
+    _app: Sphinx, what: str, name: str, _value: object, _options: object, lines: list[str]
+) -> None:
     if what in FIELDS:
         _sentences[name] = list(lines)
 
@@ -70,8 +71,8 @@ def _restore(
     _app: Sphinx,
     what: str,
     name: str,
-    _value: Any,
-    _options: Any,
+    _value: object,
+    _options: object,
     lines: list[str],
 ) -> None:
     if what in FIELDS:
