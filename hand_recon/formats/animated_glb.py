@@ -44,6 +44,7 @@ def write_animated_glb(
     trajectories: Sequence[Trajectory],
     hand: HandModel,
     duration: float | None = None,
+    extras: Sequence[dict[str, Any]] | None = None,
 ) -> Path:
     """Write the file of `animated_glb`; folders are made.
 
@@ -52,16 +53,20 @@ def write_animated_glb(
         trajectories: Hands of one clip.
         hand: Model of the right hand.
         duration: Time of the clip's end, seconds.
+        extras: Further properties of each hand.
 
     Raises:
         FileExistsError: The file exists.
         ValueError: As `animated_glb`.
     """
-    return write_new(path, animated_glb(trajectories, hand, duration))
+    return write_new(path, animated_glb(trajectories, hand, duration, extras))
 
 
 def animated_glb(
-    trajectories: Sequence[Trajectory], hand: HandModel, duration: float | None = None
+    trajectories: Sequence[Trajectory],
+    hand: HandModel,
+    duration: float | None = None,
+    extras: Sequence[dict[str, Any]] | None = None,
 ) -> bytes:
     """Make a GLB file of the motion of hands.
 
@@ -73,6 +78,7 @@ def animated_glb(
         trajectories: Hands of one clip.
         hand: Model of the right hand.
         duration: Time of the clip's end, seconds; by default, and at least, that of the last frame of a hand.
+        extras: Further properties of each hand (`extras` of its node, in JSON's types).
 
     Raises:
         ValueError: There is no hand, a hand has no frame, numbers are not finite, a time is negative, or
@@ -81,8 +87,10 @@ def animated_glb(
     check_motions(trajectories)
     clip = _Clip.of(trajectories, duration)
     document, animation = GlbDocument(), _Animation()
-    for trajectory, colour in zip(trajectories, hand_colours(trajectories), strict=True):
-        _add_hand(document, animation, _HandOfFile(trajectory, hand, colour, clip))
+    properties = [None] * len(trajectories) if extras is None else extras
+    colours = hand_colours(trajectories)
+    for trajectory, colour, own in zip(trajectories, colours, properties, strict=True):
+        _add_hand(document, animation, _HandOfFile(trajectory, hand, colour, clip, own))
     if left_out := left_out_of(hand):
         logger.info(
             "The animated GLB is without the %s of the hand %r, which glTF cannot hold: vertices differ by "
@@ -120,6 +128,7 @@ class _HandOfFile:
     hand: HandModel
     colour: tuple[float, float, float]
     clip: _Clip
+    extras: dict[str, Any] | None
 
     @property
     def name(self) -> str:
@@ -166,9 +175,9 @@ def _add_hand(document: GlbDocument, animation: _Animation, entry: _HandOfFile) 
         },
     )
     mesh = _add_mesh(document, entry, rig)
-    document.add_to_scene(
-        document.add("nodes", {"name": entry.name, "mesh": mesh, "skin": skin}), joints[0]
-    )
+    own = {} if entry.extras is None else {"extras": entry.extras}
+    node = document.add("nodes", {"name": entry.name, "mesh": mesh, "skin": skin, **own})
+    document.add_to_scene(node, joints[0])
     times = document.accessor(_key_times(entry.trajectory), bounds=True)
     animation.add(joints[0], "translation", (times, document.accessor(wrist)), "LINEAR")
     for joint, node in enumerate(joints):
