@@ -19,6 +19,7 @@ from hand_recon.fitting.start import Start, closed_form_starts
 from hand_recon.hand.model import HandModel
 from hand_recon.schema import HandPrediction
 from hand_recon.uncertainty import DataTerm
+from hand_recon.uncertainty.covariance_correction import correction_named
 
 logger = logging.getLogger(__name__)
 
@@ -31,7 +32,7 @@ class Descent:
     """Settings of the optimizer.
 
     Raises:
-        ValueError: The solver is unknown.
+        ValueError: The solver or the correction of covariances is unknown.
     """
 
     solver: str = "second_order"
@@ -51,9 +52,12 @@ class Descent:
     Before, poses are far from final, and a finger must be able to pass through another."""
     hands_at_once: int = 256
     """Hands times starts in one batch; batches that fit the processor's cache are fastest."""
+    error_bars: str = "living"
+    """Correction of the landmarks' covariances: `living`, `synthetic` or `laplace` for none (decision 83)."""
 
     def __post_init__(self) -> None:
-        """Refuse an unknown solver."""
+        """Refuse an unknown solver or correction."""
+        correction_named(self.error_bars)
         if self.solver not in SOLVERS:
             raise ValueError(
                 f"Found descent.solver={self.solver}; expected one of {', '.join(SOLVERS)}."
@@ -189,7 +193,11 @@ def _solver(
     """Function that fits a batch of hands from placements of the palm and further starts."""
     if descent.solver != "adam" and not _without_derivatives(objective):
         last = last_stage(objective.data_term, observation, descent)
-        return SecondOrder.of(replace(objective, data_term=last), finger_table=descent.finger_table)
+        return SecondOrder.of(
+            replace(objective, data_term=last),
+            finger_table=descent.finger_table,
+            correction=correction_named(descent.error_bars),
+        )
     objectives = (objective.without_non_penetration(), objective)
 
     def by_adam(piece: Observation, palms: Start | None, further: Start | None) -> Fitted:

@@ -201,19 +201,19 @@ def _landmarks(
 
 
 def synthetic_views(
-    count: int, cache: Path, *, seed: int = 0, camera: bool = True, level: str = "hard"
+    count: int, cache: Path, *, seed: int = 0, camera: bool = True, split: str = "test"
 ) -> DepthSet:
-    """Test views of synthetic hands with held-out gestures, as `hand-recon fit data=views` fits them.
+    """Views of synthetic hands; those of `test` have held-out gestures, as `hand-recon fit data=views`.
 
     Args:
         count: Number of hands; each is a group of its own.
         cache: Folder for the views.
         seed: Seed of the set.
         camera: False hides the cameras, so that a fit assumes one.
-        level: Difficulty.
+        split: `test` or `val`.
     """
     views = SyntheticHands(
-        "test", count, 224, level, seed=seed, cache_dir=cache, pictures=False, with_vertices=False
+        split, count, 224, "hard", seed=seed, cache_dir=cache, pictures=False, with_vertices=False
     )
     batch = views.batch(list(range(count)))
     if batch.landmarks_3d is None or batch.intrinsics is None or batch.confidence is None:

@@ -3,7 +3,8 @@
 With a likelihood as data term, the loss is the negative logarithm of a posterior density up to a constant.
 Each minimum has the Gaussian of its second derivatives (Laplace's approximation), weighted by its height and
 its volume. The covariance of the mixture has two parts: that within a minimum, and the distances between
-minima, such as the two depths of a finger that look alike.
+minima, such as the two depths of a finger that look alike. `hand_recon.uncertainty.covariance_correction`
+corrects it.
 """
 
 from dataclasses import dataclass
@@ -19,12 +20,6 @@ from hand_recon.fitting.second_order.levenberg_marquardt import Reached
 
 ALIKE: Final = 0.004
 """Largest distance of a landmark between two results that are the same minimum, metres."""
-
-SCALE: Final = 1.5
-"""Factor of the standard deviations: σ is given too small, and minima are missed (decision 65)."""
-
-MODEL_SIGMA: Final = 0.0045
-"""Standard deviation along each axis of what the hand model cannot represent, metres (decision 65)."""
 
 
 @dataclass(frozen=True)
@@ -83,22 +78,7 @@ def mixed_covariance(
     mass = mass.masked_fill(repeated(points, mass), -torch.inf)
     weight = torch.softmax(mass.nan_to_num(-torch.inf), dim=1)[..., None, None, None]
     away = (points - best.points[:, None])[..., None]
-    return _widened((weight * (within + away @ away.mT)).sum(dim=1))
-
-
-def covariance_about(minimum: Minimum) -> Float[Tensor, "hand landmark=21 3 3"]:
-    """Covariance of each landmark about one result, as if there were no other minimum.
-
-    Args:
-        minimum: The result of each hand.
-    """
-    return _widened(minimum.covariance)
-
-
-def _widened(covariance: Tensor) -> Tensor:
-    """Covariance with what Laplace's approximation and the hand model leave out."""
-    own = MODEL_SIGMA**2 * torch.eye(3, dtype=covariance.dtype)
-    return SCALE**2 * covariance + own
+    return (weight * (within + away @ away.mT)).sum(dim=1)
 
 
 def repeated(

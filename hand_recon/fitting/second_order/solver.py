@@ -14,7 +14,6 @@ from hand_recon.fitting.second_order.data_weights import is_likelihood
 from hand_recon.fitting.second_order.finger_poses import FingerPoses, Seen
 from hand_recon.fitting.second_order.landmark_covariance import (
     Minimum,
-    covariance_about,
     mixed_covariance,
 )
 from hand_recon.fitting.second_order.least_squares import Problem
@@ -38,6 +37,7 @@ from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.fitting.start import Start
 from hand_recon.knowledge.terms import NonPenetrationTerm
 from hand_recon.schema import HandParameters
+from hand_recon.uncertainty.covariance_correction import CovarianceCorrection
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,23 @@ class SecondOrder:
     """Landmarks with derivatives by the unknowns that the ranges do not fix."""
     fingers: FingerPoses | None
     """Start poses of the fingers; None for starts as they are."""
+    correction: CovarianceCorrection | None = None
+    """Correction of the landmarks' covariances; None for those of Laplace's approximation."""
 
     @classmethod
-    def of(cls, objective: Objective, *, finger_table: bool = True) -> Self:
+    def of(
+        cls,
+        objective: Objective,
+        *,
+        finger_table: bool = True,
+        correction: CovarianceCorrection | None = None,
+    ) -> Self:
         """Prepare fits on a loss.
 
         Args:
             objective: The loss, with its data term in the last stage.
             finger_table: Whether fingers of the starts are looked up in a table of natural poses.
+            correction: Correction of the landmarks' covariances; None for those of Laplace's approximation.
         """
         hand = objective.hand
         free = PriorTerms(objective.prior).free()
@@ -96,6 +105,7 @@ class SecondOrder:
             LandmarkProjection(hand),
             LandmarkProjection(hand, free),
             FingerPoses(hand.landmarks_only()) if finger_table else None,
+            correction,
         )
 
     @torch.no_grad()
@@ -177,7 +187,8 @@ class SecondOrder:
         if not (is_likelihood(self.objective.data_term) and centred.terms.bounds_pose):
             return None
         unknowns = Unknowns.of_start(Start.of(parameters), observation.intrinsics)
-        return covariance_about(Minimum.of(centred, Reached.at(centred, unknowns)))
+        about = Minimum.of(centred, Reached.at(centred, unknowns))
+        return self._corrected(about.covariance, parameters.translation)
 
     def _problems(self, observation: Observation) -> tuple[Problem, Problem]:
         """The loss with every angle drawn to the middle of its range, and the loss itself."""
@@ -205,7 +216,14 @@ class SecondOrder:
         count = len(several.damping) // max(hands, 1)
         result = Minimum.of(problem, Reached.at(problem, best.unknowns))
         others = Minimum.of(problem[rows_of(hands, len(several.damping))], several)
-        return mixed_covariance(result, others, count)
+        mixed = mixed_covariance(result, others, count)
+        return self._corrected(mixed, best.unknowns.translation(problem.inverse))
+
+    def _corrected(
+        self, covariance: Float[Tensor, "hand landmark=21 3 3"], origin: Float[Tensor, "hand 3"]
+    ) -> Float[Tensor, "hand landmark=21 3 3"]:
+        """Covariances as they are given out, with origins in the camera's frame."""
+        return covariance if self.correction is None else self.correction(covariance, origin)
 
     def _starts(self, problem: Problem, palms: Start | None, further: Start | None) -> Unknowns:
         """All starts, those of each hand behind each other."""

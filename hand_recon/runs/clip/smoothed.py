@@ -20,6 +20,7 @@ from hand_recon.motion.posing import right_hands
 from hand_recon.motion.trajectory import Trajectory, mirror_of
 from hand_recon.runs.clip.hands_of_clip import HandOfClip
 from hand_recon.schema import HandBatch
+from hand_recon.uncertainty.covariance_correction import correction_named
 
 OF_LANDMARKS: Final = ("score", "observed_2d", "sigma_2d", "covariance_3d", "residual")
 """Numbers that a hand does not have in a frame in which it was not seen."""
@@ -92,7 +93,8 @@ class ClipPoses:
             found = objective(parameters, seen)
             if not self.with_covariance:
                 return found
-            solver = SecondOrder.of(objective, finger_table=False)
+            correction = correction_named(self.descent.error_bars)
+            solver = SecondOrder.of(objective, finger_table=False, correction=correction)
             covariance = solver.covariance_at(seen, parameters)
             return replace(found, prediction=replace(found.prediction, covariance_3d=covariance))
 

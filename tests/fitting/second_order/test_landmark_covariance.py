@@ -12,8 +12,6 @@ from hand_recon.fitting.descent import Descent, fit
 from hand_recon.fitting.objective import Objective
 from hand_recon.fitting.observation import Observation, observed
 from hand_recon.fitting.second_order.landmark_covariance import (
-    MODEL_SIGMA,
-    SCALE,
     Minimum,
     mixed_covariance,
 )
@@ -34,6 +32,7 @@ from hand_recon.knowledge.natural_pose import NaturalPoseTerm
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import RangeOfMotionTerm, ShapeTerm
 from hand_recon.uncertainty import DataTerm, NegativeLogLikelihood, SquaredError, Staged
+from hand_recon.uncertainty.covariance_correction import correction_named
 from tests.fitting.second_order.hands import double_hand, random_cameras, random_unknowns
 from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views
@@ -108,14 +107,9 @@ def one(x: float, log_mass: float, covariance: float = 0.0) -> Minimum:
     return Minimum(points, matrix, torch.tensor([log_mass]))
 
 
-def within(covariance: Tensor) -> Tensor:
-    """The covariance without what is added for the hand model and the factor."""
-    return (covariance - MODEL_SIGMA**2 * torch.eye(3)) / SCALE**2
-
-
 def test_two_minima_of_equal_mass() -> None:
     """Half of the mass is 2 cm away along x: ½ · 0.02² there, and nothing along the other axes."""
-    found = within(mixed_covariance(one(0.0, -3.0), one(0.02, -3.0), 1))
+    found = mixed_covariance(one(0.0, -3.0), one(0.02, -3.0), 1)
     expected = torch.diag(torch.tensor([0.5 * 0.02**2, 0.0, 0.0])).expand(1, 21, 3, 3)
     torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-9)
 
@@ -123,7 +117,7 @@ def test_two_minima_of_equal_mass() -> None:
 def test_a_minimum_counts_by_its_mass() -> None:
     """With a third of the other's mass: ¼ · (0.02² + 1e-4) + ¾ · 4e-4 along x."""
     log_third = float(torch.tensor(1 / 3).log())
-    found = within(mixed_covariance(one(0.0, 0.0, 4e-4), one(0.02, log_third, 1e-4), 1))
+    found = mixed_covariance(one(0.0, 0.0, 4e-4), one(0.02, log_third, 1e-4), 1)
     along_x = 0.25 * (0.02**2 + 1e-4) + 0.75 * 4e-4
     torch.testing.assert_close(found[0, :, 0, 0], torch.full((21,), along_x))
     torch.testing.assert_close(found[0, :, 1, 1], torch.full((21,), 0.25 * 1e-4 + 0.75 * 4e-4))
@@ -139,7 +133,7 @@ def test_the_same_minimum_counts_once() -> None:
 
 def test_a_result_without_a_loss_is_left_out() -> None:
     found = mixed_covariance(one(0.0, 0.0, 1e-4), one(0.02, float("nan")), 1)
-    torch.testing.assert_close(within(found)[0, 3], 1e-4 * torch.eye(3), rtol=1e-4, atol=1e-9)
+    torch.testing.assert_close(found[0, 3], 1e-4 * torch.eye(3), rtol=1e-4, atol=1e-9)
 
 
 def priors(hand: HandModel) -> dict[str, Prior]:
@@ -165,8 +159,11 @@ def test_a_fit_has_covariances(hand: HandModel, likelihood: DataTerm, prior: str
     covariance = found.prediction.covariance_3d
     assert covariance is not None
     torch.testing.assert_close(covariance, covariance.mT)
+    # What the correction adds across the line of sight, at the landmarks where it adds least.
+    correction = correction_named("living")
+    assert correction is not None
     least = torch.linalg.eigvalsh(covariance.double()).amin()
-    assert float(least) >= 0.99 * MODEL_SIGMA**2
+    assert float(least) >= 0.99 * float(correction.across.square().amin())
     # One view shows depth worse than the other directions; fingertips are farther from the origin than MCPs.
     variance = covariance.diagonal(dim1=2, dim2=3).mean(dim=(0, 1))
     assert variance[2] > 2 * variance[:2].amax()
@@ -235,13 +232,31 @@ def test_one_start_is_one_minimum(hand: HandModel) -> None:
     """With a single start, the covariance is that of the result alone: the start is no minimum."""
     seen = observed(views(hand, known_hands(hand, 4)))
     objective = Objective(hand, priors(hand)["natural"], NegativeLogLikelihood())
-    descent = Descent(starts=1, finger_table=False)
+    descent = Descent(starts=1, finger_table=False, error_bars="laplace")
     result = fit(seen, objective, descent=descent).prediction
     problem = Problem.of(
         LandmarkProjection(hand), PriorTerms(objective.prior), objective.data_term, seen
     )
     unknowns = Unknowns.of_start(Start.of(result.parameters), seen.intrinsics)
     alone = Minimum.of(problem, Reached.at(problem, unknowns))
-    expected = SCALE**2 * alone.covariance + MODEL_SIGMA**2 * torch.eye(3)
     assert result.covariance_3d is not None
-    torch.testing.assert_close(result.covariance_3d, expected, rtol=2e-2, atol=1e-7)
+    torch.testing.assert_close(result.covariance_3d, alone.covariance, rtol=2e-2, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["living", "synthetic"])
+def test_laplaces_covariance_can_be_recovered_from_a_fits(hand: HandModel, name: str) -> None:
+    seen = observed(views(hand, known_hands(hand, 3)))
+    objective = Objective(hand, priors(hand)["natural"], NegativeLogLikelihood())
+    plain, corrected = (
+        fit(seen, objective, descent=Descent(error_bars=bars)).prediction
+        for bars in ("laplace", name)
+    )
+    correction = correction_named(name)
+    assert correction is not None
+    assert corrected.covariance_3d is not None
+    assert plain.covariance_3d is not None
+    recovered = correction.laplace_of(
+        corrected.covariance_3d.double(), corrected.parameters.translation.double()
+    )
+    # Of numbers in single precision with what was added taken away again.
+    torch.testing.assert_close(recovered.float(), plain.covariance_3d, rtol=1e-3, atol=1e-9)
