@@ -22,6 +22,8 @@ class Verb:
     """Further keys whose values are paths: quoted for Hydra, `~` expanded."""
     many: str | None = None
     """Configuration key of a list that takes all words without a key, in place of `positional`."""
+    lists: tuple[str, ...] = ()
+    """Keys of lists of names, which may be written with commas alone, `key=a,b`, as sweeps are in Hydra."""
 
     @property
     def path_keys(self) -> frozenset[str]:
@@ -65,6 +67,10 @@ VERBS: Final = {
             "fit", HANDS, "2D landmarks of any detector in, 3D hands out; no training",
             "hand_recon.runs.fit_run:fit", ("landmarks",),
             ("output", "intrinsics", "images", "lifter", *DATA_PATHS),
+        ),
+        Verb(
+            "export", HANDS, "hands as files of other programs: GLB, BVH, USD, OpenSim, OpenXR, MANO, ...",
+            "hand_recon.runs.export_run:export", ("source",), ("output", "hand.path"), lists=("format",),
         ),
         Verb(
             "train", MODELS, "train, test the best checkpoint, draw a report",

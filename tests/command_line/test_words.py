@@ -182,3 +182,12 @@ def test_a_verb_without_files_refuses_a_word() -> None:
 )  # fmt: skip
 def test_a_verb_may_take_any_number_of_files(words: list[str], expected: list[str]) -> None:
     assert overrides("predict", *words) == expected
+
+
+def test_names_of_a_list_are_written_with_commas_alone() -> None:
+    expected = ["source='a.json'", "format=[glb,bvh]"]
+    assert overrides("export", "a.json", "format=glb,bvh") == expected
+    assert overrides("export", "a.json", "--format", "glb,bvh") == expected
+    assert overrides("export", "a.json", "format=[glb,bvh]") == expected
+    # In a sweep, commas are Hydra's.
+    assert "format=glb,bvh" in overrides("export", "-m", "a.json", "format=glb,bvh")

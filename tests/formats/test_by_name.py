@@ -53,7 +53,7 @@ def test_unknown_formats_missing_packages_and_other_hands_are_refused(
     hand: HandModel, tmp_path: Path
 ) -> None:
     hands = photographs(hand)
-    with pytest.raises(ValueError, match=r"Unknown format 'fbx'; expected one of glb, bvh, csv"):
+    with pytest.raises(ValueError, match=r"Unknown format 'fbx'; expected one of glb, bvh, usd"):
         write("fbx", hands, tmp_path)
     absent = replace(FORMATS["glb"], module="no_such_package", extra="nothing")
     with pytest.raises(ModuleNotFoundError, match=r"no_such_package, .* 'hand_recon\[nothing\]'"):
