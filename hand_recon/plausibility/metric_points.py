@@ -1,0 +1,70 @@
+"""Unit, landmark order and hand size of 3D landmarks that come without a description."""
+
+from dataclasses import replace
+from typing import Final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.data.landmarks.points_in_space import HAND, UNITS
+from hand_recon.hand.landmark_order import better_order
+from hand_recon.hand.skeleton import LANDMARK_ORDERS, landmark_permutation
+from hand_recon.plausibility.given_hands import GivenHands, as_array, rows_by
+
+MEAN_DIAGONAL: Final = 0.2
+"""Diagonal of the box around an adult's hand, metres, that hands of unknown unit are given in the median."""
+
+
+def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
+    """Convert landmarks to metres and the order of FreiHAND, file by file.
+
+    Args:
+        hands: Hands in the units and orders of their files.
+        order: A key of `LANDMARK_ORDERS`, or `auto` to recognise it by the lengths of the bones.
+
+    Raises:
+        ValueError: The order is unknown.
+    """
+    if order != "auto" and order not in LANDMARK_ORDERS:
+        raise ValueError(
+            f"order={order} is unknown; expected auto or one of {', '.join(sorted(LANDMARK_ORDERS))}."
+        )
+    points, notes = hands.points.clone(), []
+    for file, rows in rows_by(hands.files).items():
+        exact = bool(hands.exact[rows].all())
+        own = points[rows]
+        if exact or not own.isfinite().any():
+            continue
+        factor, unit = metres_per_unit(own)
+        if unit is None:
+            notes.append(
+                f"{file}: the unit of the points was not recognised; they are scaled to an adult's hand, and "
+                "lengths in millimetres are relative to that."
+            )
+        elif unit != "metres":
+            notes.append(f"{file}: the points are in {unit}.")
+        found = better_order(as_array(own)) if order == "auto" else order
+        if found not in (None, "freihand"):
+            own = own[:, list(landmark_permutation(str(found), "freihand"))]
+            notes.append(f"{file}: the landmarks are in the order {found}.")
+        points[rows] = own * factor
+    return replace(hands, points=points, notes=(*hands.notes, *notes))
+
+
+def metres_per_unit(points: Float[Tensor, "hand landmark=21 3"]) -> tuple[float, str | None]:
+    """Metres per unit of points by the size of hands, and the unit's name; None if no unit fits.
+
+    Args:
+        points: Any unit; NaN where missing.
+    """
+    present = points.isfinite().all(dim=-1, keepdim=True)
+    high = torch.where(present, points, -torch.inf).amax(dim=1)
+    low = torch.where(present, points, torch.inf).amin(dim=1)
+    diagonals = (high - low).norm(dim=-1)
+    diagonals = diagonals[diagonals.isfinite()]
+    size = float(diagonals.median()) if len(diagonals) else 0.0
+    for unit, metres in UNITS.items():
+        if HAND[0] <= size * metres <= HAND[1]:
+            return metres, unit
+    return (MEAN_DIAGONAL / size if size > 0 else 1.0), None
