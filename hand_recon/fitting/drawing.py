@@ -26,7 +26,7 @@ def drawn_hand(
         hand: Index of the hand.
         label: Text beside it.
     """
-    sigma = records.sigma_2d[hand]
+    sigma, covariance = records.sigma_2d[hand], records.covariance_3d[hand]
     return DrawnHand(
         vertices=vertices[hand].astype(np.float64),
         landmarks_2d=records.landmarks_2d[hand],
@@ -36,6 +36,8 @@ def drawn_hand(
         side=records.sides[hand],
         label=label,
         doubtful=records.verdicts[hand] == "doubtful",
+        landmarks_3d=records.landmarks_3d[hand],
+        covariance_3d=None if np.isnan(covariance).all() else covariance,
     )
 
 

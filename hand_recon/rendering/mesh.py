@@ -1,7 +1,7 @@
 """Ray-cast, shaded images of a hand mesh, without a display or graphics driver."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import cv2
 import numpy as np
@@ -14,6 +14,7 @@ BLUE: Final = (120.0, 170.0, 225.0)
 
 _LIGHT: Final = np.array([-0.35, -0.6, -0.72])
 _SUPERSAMPLING: Final = 2
+_FOCAL: Final = 4.0
 _FROM_THE_SIDE: Final = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 _FROM_ABOVE: Final = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
@@ -104,7 +105,7 @@ def from_the_side(
         size: Side of the image, pixels.
         colour: RGB, 0–255.
     """
-    return _rotated(vertices, _FROM_THE_SIDE, size, faces, colour=colour)
+    return RotatedView.from_the_side(vertices).render(vertices, faces, size, colour)
 
 
 def from_above(
@@ -121,26 +122,92 @@ def from_above(
         size: Side of the image, pixels.
         colour: RGB, 0–255.
     """
-    return _rotated(vertices, _FROM_ABOVE, size, faces, colour=colour)
+    return RotatedView.from_above(vertices).render(vertices, faces, size, colour)
 
 
-def _rotated(
-    vertices: Float[np.ndarray, "vertex 3"],
-    rotation: Float[np.ndarray, "3 3"],
-    size: int,
-    faces: Int[np.ndarray, "face 3"],
-    *,
-    colour: tuple[float, float, float],
-) -> UInt8[np.ndarray, "height width 3"]:
-    centred = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    rotated = centred @ rotation.T
-    focal, distance = 4.0 * size, 1.0
-    # The extent is over all three axes, so that a hand seen end-on does not reach the camera.
-    extent = np.abs(rotated).max() / 0.45
-    rotated = rotated / extent * 0.25 + np.array([0.0, 0.0, distance])
-    intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
-    white = np.full((size, size, 3), 255, dtype=np.uint8)
-    return shade(rotated, faces, intrinsics, size, colour).over(white)
+@dataclass(frozen=True)
+class RotatedView:
+    """View of a mesh from another direction, scaled so that the mesh fills a square image."""
+
+    matrix: Float[np.ndarray, "3 3"]
+    """Rotation to the view's axes times the scale, 1 / metre."""
+    centre: Float[np.ndarray, "3"]
+    """Middle of the mesh's box, camera frame, metres."""
+
+    @classmethod
+    def of(
+        cls, vertices: Float[np.ndarray, "vertex 3"], rotation: Float[np.ndarray, "3 3"]
+    ) -> Self:
+        """View in which a mesh fills the image.
+
+        Args:
+            vertices: Camera frame, metres.
+            rotation: From the camera's axes to the view's.
+        """
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        # The extent is over all three axes, so that a hand seen end-on does not reach the camera.
+        extent = np.abs((vertices - centre) @ rotation.T).max() / 0.45
+        return cls(0.25 / extent * rotation, centre)
+
+    @classmethod
+    def from_the_side(cls, vertices: Float[np.ndarray, "vertex 3"]) -> Self:
+        """View of `from_the_side`."""
+        return cls.of(vertices, _FROM_THE_SIDE)
+
+    @classmethod
+    def from_above(cls, vertices: Float[np.ndarray, "vertex 3"]) -> Self:
+        """View of `from_above`."""
+        return cls.of(vertices, _FROM_ABOVE)
+
+    def render(
+        self,
+        vertices: Float[np.ndarray, "vertex 3"],
+        faces: Int[np.ndarray, "face 3"],
+        size: int,
+        colour: tuple[float, float, float] = BLUE,
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """Render a mesh on white; arguments as of `from_the_side`."""
+        focal = _FOCAL * size
+        intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1.0]])
+        white = np.full((size, size, 3), 255, dtype=np.uint8)
+        return shade(self._placed(vertices), faces, intrinsics, size, colour).over(white)
+
+    def project(
+        self, points: Float[np.ndarray, "point 3"], size: int
+    ) -> Float[np.ndarray, "point 2"]:
+        """Pixels of points in the rendered image, pixel i covering [i, i + 1).
+
+        Args:
+            points: Camera frame, metres.
+            size: Side of the image, pixels.
+        """
+        placed = self._placed(points)
+        return _FOCAL * size * placed[:, :2] / placed[:, 2:] + size / 2
+
+    def project_covariance(
+        self,
+        points: Float[np.ndarray, "point 3"],
+        covariance: Float[np.ndarray, "point 3 3"],
+        size: int,
+    ) -> Float[np.ndarray, "point 2 2"]:
+        """Covariances of the pixels of points, to first order.
+
+        Args:
+            points: Camera frame, metres.
+            covariance: Covariance of each point, camera's axes, square metres.
+            size: Side of the image, pixels.
+        """
+        placed = self._placed(points)
+        slope = np.zeros((len(points), 2, 3))
+        slope[:, [0, 1], [0, 1]] = 1.0
+        slope[:, :, 2] = -placed[:, :2] / placed[:, 2:]
+        slope = _FOCAL * size / placed[:, 2, None, None] * slope @ self.matrix
+        return slope @ covariance @ slope.transpose(0, 2, 1)
+
+    def _placed(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
+        """Points in the frame of the view's camera, which is one unit away."""
+        placed: Float[np.ndarray, "point 3"] = (points - self.centre) @ self.matrix.T
+        return placed + np.array([0.0, 0.0, 1.0])
 
 
 def vertex_normals(

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from hand_recon.rendering.mesh import BLUE, from_above, from_the_side
+from hand_recon.rendering.mesh import BLUE, RotatedView
 from hand_recon.rendering.window import MOST_SAMPLES, PlacedMesh, shade_in_image
 from hand_recon.visualization.hand_marks import (
     Canvas,
@@ -60,6 +60,10 @@ class DrawnHand:
     """Standard deviation of each landmark along u and v, pixels."""
     covariance: Float[np.ndarray, "landmark=21 2 2"] | None = None
     """Covariance of each landmark, squared pixels; used in place of `sigma_2d`."""
+    landmarks_3d: Float[np.ndarray, "landmark=21 3"] | None = None
+    """Landmarks, camera frame, metres, for the error bars of the views from the side and from above."""
+    covariance_3d: Float[np.ndarray, "landmark=21 3 3"] | None = None
+    """Covariance of each of `landmarks_3d`, camera's axes, square metres."""
 
     def __post_init__(self) -> None:
         """Check the side.
@@ -104,8 +108,9 @@ def draw_hands(
     """Draw hands on a copy of their photograph, in its own resolution within the style's limits.
 
     Meshes hide each other where one is nearer. Given landmarks are rings, fitted ones dots, ellipses are two
-    σ. To the right of the photograph is each hand from the side and from above, for the first 12 hands. Hands
-    whose vertices are not finite or all behind the camera are left out with a warning.
+    σ. To the right of the photograph is each hand from the side and from above, for the first 12 hands, with
+    ellipses of two σ of its landmarks in 3D. Hands whose vertices are not finite or all behind the camera are
+    left out with a warning.
 
     Args:
         pixels: Photograph, RGB, upright.
@@ -236,16 +241,34 @@ def _with_panels(
 
 def _views(hand: DrawnHand, faces: Int[np.ndarray, "face 3"], side: int) -> list[Canvas]:
     views = []
-    for view, render in (("from the side", from_the_side), ("from above", from_above)):
-        words = ", ".join(word for word in (hand.label, hand.side, view) if word)
+    uncertain = hand.landmarks_3d is not None and hand.covariance_3d is not None
+    for name, view in (
+        ("from the side", RotatedView.from_the_side(hand.vertices)),
+        ("from above", RotatedView.from_above(hand.vertices)),
+    ):
+        shown = (hand.label, hand.side, name, "2 sigma" if uncertain else "")
+        words = ", ".join(word for word in shown if word)
         strip = text_strip(words, max(_LEAST_CAPTION, side // 28))[:, :side]
         height, width, _ = strip.shape
         panel = np.full((side, side, 3), 255, dtype=np.uint8)
         panel[:height, :width] = strip
         room = side - height
         colour = HAND_COLOURS[hand.side]
-        image = render(hand.vertices, faces, min(room, _LARGEST_RENDERED), colour)
+        image = view.render(hand.vertices, faces, min(room, _LARGEST_RENDERED), colour)
         image = np.asarray(cv2.resize(image, (room, room), interpolation=cv2.INTER_CUBIC))
+        _draw_error_bars(image, hand, view)
         panel[height:, height // 2 : height // 2 + room] = image
         views.append(panel)
     return views
+
+
+def _draw_error_bars(image: Canvas, hand: DrawnHand, view: RotatedView) -> None:
+    """Draw the bones and two σ of the landmarks in a view; nothing for a hand without covariances."""
+    if hand.landmarks_3d is None or hand.covariance_3d is None:
+        return
+    size = image.shape[0]
+    pixels = view.project(hand.landmarks_3d, size)
+    width = line_width(hand_size(pixels))
+    spread = view.project_covariance(hand.landmarks_3d, hand.covariance_3d, size)
+    draw_two_sigma(image, pixels, spread, width)
+    draw_skeleton(image, pixels, width)

@@ -205,6 +205,34 @@ def test_panels_show_every_hand_from_the_side_and_from_above() -> None:
     assert extents[1][1] > 5 * extents[1][0]
 
 
+def test_panels_show_two_sigma_of_depth_as_width_and_as_height() -> None:
+    """σ of 25 mm in depth in a hand of 20 cm: 2 · 2 · 25 mm are half of the hand's 0.9 of the panel."""
+    rod = trimesh.creation.box(extents=(0.2, 0.2, 0.2))
+    middle = np.array([0.0, 0.0, 0.6])
+    one = dataclasses.replace(
+        hand(),
+        vertices=np.asarray(rod.vertices) + middle,
+        landmarks_3d=np.tile(middle, (21, 1)),
+        covariance_3d=np.tile(np.diag([1e-12, 1e-12, 0.025**2]), (21, 1, 1)),
+    )
+    bare = dataclasses.replace(one, covariance_3d=None)
+    with_bars, without = (
+        draw_hands(grey(512, 600), [each], np.asarray(rod.faces)).astype(int)
+        for each in (one, bare)
+    )
+    changed = np.abs(with_bars - without).max(axis=-1) > 60
+    extents = []
+    for top in (30, 286):
+        # Below the captions, which differ as well.
+        rows, columns = np.nonzero(changed[top : top + 226, 600:])
+        extents.append((np.ptp(columns), np.ptp(rows)))
+    # The room below a caption is about 236 pixels: 0.45 · 236 = 106, and the ends of a line.
+    assert extents[0][0] == pytest.approx(106, abs=8)
+    assert extents[0][1] < 20
+    assert extents[1][1] == pytest.approx(106, abs=8)
+    assert extents[1][0] < 20
+
+
 def test_from_above_what_is_nearer_is_lower_and_what_is_right_is_right() -> None:
     # A wedge: its near end is wide, its far end at the right.
     corners = np.array([[-0.05, 0, 0.5], [0.05, 0, 0.5], [0.05, 0, 0.7], [0.05, 0.001, 0.6]])
