@@ -87,6 +87,10 @@ VERBS: Final = {
             ("output", *DATA_PATHS),
         ),
         Verb(
+            "audit", MODELS, "how plausible hand poses of any origin are, and the nearest plausible ones",
+            "hand_recon.runs.audit_run:audit", (), ("output", "ranges", "hand.path"), "files",
+        ),
+        Verb(
             "report", MODELS, "finished runs as the paper's Tables 1 to 3",
             "hand_recon.runs.tables_run:report", ("runs",), ("output",),
         ),

@@ -1,0 +1,126 @@
+"""Audits hand poses of any origin, and repairs them (Sec. 3.2)."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from hand_recon.command_line.resolvers import MANO_HAND
+from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.ranges import load_ranges
+from hand_recon.plausibility.audit import Audit, audited
+from hand_recon.plausibility.findings import Knowledge
+from hand_recon.plausibility.page import PageTable, shown
+from hand_recon.plausibility.posed_hands import HandModels
+from hand_recon.plausibility.report import PRODUCTS, terminal_tables, write_audit
+from hand_recon.plausibility.verdicts import Limits
+from hand_recon.runs.audit_sources import Reading, read_given
+from hand_recon.runs.configuration import build_hand, configure_process, plain
+
+logger = logging.getLogger(__name__)
+
+
+def audit(config: DictConfig) -> dict[str, Any]:
+    """Audit the hands of files.
+
+    Args:
+        config: `conf/audit.yaml` composed.
+
+    Returns:
+        The summary of `audit.json`, with `repair` beside it where hands were repaired.
+
+    Raises:
+        ValueError: No file was given.
+        SystemExit: With `strict`, a hand is implausible.
+    """
+    if not config.files:
+        raise ValueError(
+            "No file was given. Type hand-recon audit <hands.json, pred.json, npz, npy or csv>."
+        )
+    configure_process(config.threads)
+    names = [config.files] if isinstance(config.files, str) else list(config.files)
+    if config.landmark_set is None:
+        config.landmark_set = "mano" if _mano_folder(config) is not None else "knuckle"
+    hand = build_hand(config)
+    models = HandModels.of(hand)
+    given = read_given(names, hand, _mano_folder(config), _reading(config))
+    knowledge = Knowledge(
+        load_ranges(config.ranges, hand.rest_angles), FunctionalAnatomy(variant=config.anatomy)
+    )
+    found = audited(
+        given,
+        models,
+        knowledge,
+        Limits(**plain(config.limits)),
+        order=config.order,
+        side=config.side,
+    )
+    folder = claim_report(config.output or config.paths.run)
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    settings = _settings(config, names)
+    write_audit(folder, found, models, settings, config.worst)
+    show(found)
+    summary: dict[str, Any] = found.summary()
+    logger.info("Open %s", folder / "index.html")
+    if config.strict and summary["implausible"]:
+        raise SystemExit(1)
+    return summary
+
+
+def claim_report(path: str | Path) -> Path:
+    """Make the folder of a report.
+
+    Raises:
+        FileExistsError: It already holds one.
+    """
+    folder = Path(path).expanduser().absolute()
+    taken = [name for name in PRODUCTS if (folder / name).exists()]
+    if taken:
+        raise FileExistsError(
+            f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Name another folder "
+            "with output=<folder>."
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def show(found: Audit) -> None:
+    """Print the tables of an audit, and its notes.
+
+    Args:
+        found: The audit.
+    """
+    console = Console()
+    for table in terminal_tables(found):
+        if table.rows:
+            console.print(_drawn(table))
+    for note in found.hands.given.notes:
+        console.print(note, style="dim", markup=False)
+
+
+def _drawn(table: PageTable) -> Table:
+    drawn = Table(title=table.title, title_justify="left", header_style="bold")
+    for index, heading in enumerate(table.columns):
+        drawn.add_column(heading, justify="right" if index else "left")
+    for row in table.rows:
+        drawn.add_row(*(shown(cell) for cell in row))
+    return drawn
+
+
+def _mano_folder(config: DictConfig) -> Path | None:
+    return Path(config.hand.path) if config.hand._target_ == MANO_HAND else None
+
+
+def _reading(config: DictConfig) -> Reading:
+    return Reading(config.sequence, config.same_person, config.fps)
+
+
+def _settings(config: DictConfig, names: Sequence[str]) -> dict[str, Any]:
+    keys = ("ranges", "anatomy", "order", "side", "sequence", "same_person", "fps")
+    return (
+        {"files": list(names)} | {key: config[key] for key in keys} | {"hand": config.hand._target_}
+    )

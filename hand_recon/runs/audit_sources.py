@@ -1,0 +1,164 @@
+"""Hands to audit, read from files of any origin and told apart by their content."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import torch
+
+from hand_recon.fitting.hand_records import HandRecords
+from hand_recon.fitting.hands_file import read_hands
+from hand_recon.hand.model import HandModel
+from hand_recon.plausibility.given_hands import GivenHands, joined_hands, of_points
+from hand_recon.runs.audit_arrays import read_npy, read_npz
+from hand_recon.runs.audit_mano import ManoReader
+from hand_recon.runs.audit_metas import read_meta_hand
+from hand_recon.runs.audit_texts import holds_hands, read_json, read_table
+from hand_recon.schema import HandParameters
+
+SUFFIXES: Final = (".json", ".jsonl", ".npz", ".npy", ".csv", ".pkl", ".zip")
+"""Files that are read."""
+
+PICKLES: Final = (".pth", ".pt", ".joblib", ".pickle")
+"""Files that would have to be unpickled, which may run code."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Settings of reading."""
+
+    sequence: bool = False
+    """True if the hands of each file are the frames of one hand."""
+    same_person: bool = False
+    """True if all hands of a file and side are one person's hand."""
+    fps: float = 30.0
+    """Frames per second of sequences without times."""
+
+
+def read_given(
+    names: Sequence[str | Path], hand: HandModel, mano: Path | None, reading: Reading
+) -> GivenHands:
+    """Read all hands of files.
+
+    Args:
+        names: Files, and folders with them.
+        hand: The configured hand.
+        mano: Folder of MANO's files; None without `hand=mano`.
+        reading: Settings.
+
+    Raises:
+        FileNotFoundError: A file is missing, or a folder has none that is read.
+        ValueError: A file has another form; the message says what was found.
+    """
+    reader = None if mano is None else ManoReader(hand, mano)
+    parts = [_read(path, reader) for path in _files(names)]
+    return _in_sequences(joined_hands(parts), reading)
+
+
+def _files(names: Sequence[str | Path]) -> list[Path]:
+    found: list[Path] = []
+    for name in names:
+        path = Path(name).expanduser()
+        if path.is_dir():
+            # A folder of results has its hands in one file, and tables of the same hands beside it.
+            inside = [path / "hands.json", path / "hands.jsonl"]
+            inside = [one for one in inside if one.is_file()] or sorted(
+                one for one in path.rglob("*") if one.suffix.lower() in SUFFIXES
+            )
+            if not inside:
+                raise FileNotFoundError(
+                    f"{path} holds no file of hands; expected one with {', '.join(SUFFIXES)}."
+                )
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise FileNotFoundError(
+                f"No file of hands at {path}. Give hands.json, pred.json, npz, npy or csv, or a folder."
+            )
+    return found
+
+
+def _read(path: Path, mano: ManoReader | None) -> GivenHands:
+    suffix = path.suffix.lower()
+    if suffix in PICKLES:
+        raise ValueError(
+            f"{path} is a pickle, which may run code when it is read: not read. Save its arrays with "
+            "numpy.savez and give the npz."
+        )
+    if suffix not in SUFFIXES:
+        raise ValueError(
+            f"{path} has the suffix {suffix or 'none'}; expected one of {', '.join(SUFFIXES)}."
+        )
+    if suffix == ".pkl":
+        return read_meta_hand(path, mano)
+    if suffix == ".npz":
+        return read_npz(path, mano)
+    if suffix == ".npy":
+        return read_npy(path)
+    if suffix == ".csv":
+        return read_table(path)
+    if suffix == ".jsonl" or (suffix == ".json" and holds_hands(path)):
+        return of_records(read_hands(path), str(path))
+    return read_json(path, mano)
+
+
+def of_records(hands: HandRecords, file: str) -> GivenHands:
+    """Hands of a file of hands; those that were not fitted have landmarks and angles of NaN.
+
+    Args:
+        hands: Records of the file.
+        file: The file.
+    """
+    left = [side == "left" for side in hands.sides]
+    given = of_points(
+        torch.from_numpy(hands.landmarks_3d), file, names=_distinct(hands.names), left=left,
+        sides=hands.sides,
+    )  # fmt: skip
+    mirror = np.where(np.array(left)[:, None], [-1.0, 1.0, 1.0], 1.0)
+    # A left hand's model is the right one's with x → −x.
+    rotation = mirror[:, :, None] * hands.root_rotation * mirror[:, None]
+    parameters = HandParameters(
+        torch.from_numpy(np.radians(hands.joint_angles_degrees)).float(),
+        torch.from_numpy(hands.shape).float(),
+        torch.from_numpy(rotation).float(),
+        torch.from_numpy(mirror * hands.translation).float(),
+    )
+    moments = hands.moments
+    return replace(
+        given,
+        parameters=parameters,
+        hand_models=hands.hand_models,
+        sequences=tuple("" if one is None else f"{file} hand {one.hand}" for one in moments),
+        times=torch.tensor([torch.nan if one is None else one.time for one in moments]),
+    )
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """Names with a number behind those that occur more than once."""
+    seen: dict[str, int] = {}
+    found = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(found)
+
+
+def _in_sequences(hands: GivenHands, reading: Reading) -> GivenHands:
+    """Take the hands of each file as one sequence, or as one person's, if the settings say so."""
+    if not (reading.sequence or reading.same_person):
+        return hands
+    names, times, frames = list(hands.sequences), hands.times.clone(), dict[str, int]()
+    for row, name in enumerate(names):
+        if name:
+            continue
+        names[row] = hands.files[row]
+        if not reading.sequence:
+            names[row] = f"{hands.files[row]} {hands.sides[row]}".strip()
+            continue
+        frame = frames.get(hands.files[row], 0)
+        frames[hands.files[row]] = frame + 1
+        times[row] = frame / reading.fps
+    return replace(hands, sequences=tuple(names), times=times)

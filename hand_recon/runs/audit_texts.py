@@ -1,0 +1,199 @@
+"""Hands in JSON and CSV: 3D landmarks of datasets, of predictions, of headsets and of tables."""
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from hand_recon.fitting.hand_entry import KEYS
+from hand_recon.plausibility.given_hands import GivenHands, of_points
+from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
+from hand_recon.protocols.benchmarks import protocol_named
+from hand_recon.protocols.prediction_files import read_predictions
+from hand_recon.runs.audit_mano import ManoReader, mano_pose
+
+HEAD: Final = 1 << 14
+"""Characters by which a JSON file is told apart."""
+
+POINTS: Final = (
+    "jointPositions",
+    "landmarks_3d",
+    "joints",
+    "landmarks",
+    "points",
+    "keypoints_3d",
+    "xyz",
+)
+"""Names of the points of one recorded hand."""
+
+SIDES: Final = ("handedness", "side", "hand")
+"""Names of its side."""
+
+_MANO_NUMBERS: Final = 61
+
+
+def holds_hands(path: Path) -> bool:
+    """True if a JSON file is a file of hands: its first object has that file's keys."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        head = stream.read(HEAD)
+    if head.strip() == "[]":
+        return True
+    return all(f'"{key}"' in head for key in ("landmarks_3d", "joint_angles_degrees", KEYS[4]))
+
+
+def read_json(path: Path, mano: ManoReader | None) -> GivenHands:
+    """Landmarks of a JSON file: lists of points, predictions of a benchmark, or recorded hands.
+
+    Args:
+        path: The file, or a zip of predictions.
+        mano: The user's MANO, for FreiHAND's MANO labels; None without.
+
+    Raises:
+        ValueError: The file holds something else.
+    """
+    if path.suffix.lower() == ".zip":
+        return _predictions(path)
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        head = "".join(stream.read(HEAD).split())
+    if head.startswith("[["):
+        return _lists(path, head, mano)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is not JSON ({error}); expected hands. Write the file again."
+        ) from error
+    rows = content if isinstance(content, list) else [content]
+    if not rows or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(
+            f"{path} holds a JSON {type(content).__name__} without hands; expected a list of hands, each "
+            f"with one of {', '.join(POINTS)}."
+        )
+    return _recorded(path, rows)
+
+
+def _lists(path: Path, head: str, mano: ManoReader | None) -> GivenHands:
+    """Lists of numbers: MANO labels of FreiHAND, joints of a headset, or landmarks of a benchmark."""
+    depth = len(head) - len(head.lstrip("["))
+    first = head[depth:].partition("]")[0].count(",") + 1
+    if first == _MANO_NUMBERS:
+        return _freihand_mano(path, mano)
+    points = head[depth:].partition("]]")[0].count("],[") + 1
+    if depth == 3 and points in COUNTS[1:]:
+        return of_points(_points(path, json.loads(path.read_text())), str(path))
+    return _predictions(path)
+
+
+def _predictions(path: Path) -> GivenHands:
+    # All protocols in JSON share one form, and differ in order and unit, which are recognised.
+    found = read_predictions(path, protocol_named("freihand"))
+    return of_points(found.points.landmarks, str(path))
+
+
+def _freihand_mano(path: Path, mano: ManoReader | None) -> GivenHands:
+    if mano is None:
+        raise ValueError(
+            f"{path} holds MANO's parameters. Give hand=mano with your own MANO (data/README.md), or the "
+            "training_xyz.json beside it."
+        )
+    labels = torch.tensor(json.loads(path.read_text())).reshape(-1, _MANO_NUMBERS)
+    rotation, residual, shape = labels[:, :3], labels[:, 3:48], labels[:, 48:58]
+    found = mano_pose(mano.from_mean(residual), shape, rotation)
+    sides = ["right"] * len(labels)
+    return mano.hands(found, str(path), sides, [str(row) for row in range(len(labels))])
+
+
+def _recorded(path: Path, rows: list[dict[str, Any]]) -> GivenHands:
+    """Hands as objects, each with its points."""
+    points, names, sides = [], [], []
+    for number, row in enumerate(rows):
+        key = next((key for key in POINTS if key in row), None)
+        if key is None:
+            raise ValueError(
+                f"{path}, hand {number} has the keys {', '.join(map(str, list(row)[:8]))}; expected one of "
+                f"{', '.join(POINTS)} with 21, 25 or 26 points."
+            )
+        points.append(_points(path, row[key])[None])
+        side = str(next((row[name] for name in SIDES if row.get(name)), "")).lower()
+        sides.append(side if side in ("left", "right") else "")
+        names.append(_name(row, number))
+    known = [None if not side else side == "left" for side in sides]
+    return of_points(torch.cat(points), str(path), names=names, left=known, sides=sides)
+
+
+def _name(row: dict[str, Any], number: int) -> str:
+    """Name of a recorded hand."""
+    name = row.get("name", row.get("names"))
+    if isinstance(name, list):
+        name = name[0] if name else None
+    return str(number) if name is None else str(name)
+
+
+def _points(path: Path, values: object) -> Float[Tensor, "... landmark=21 3"]:
+    """Points as 21 landmarks; null is missing."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{path}: points of different numbers, or something else than numbers ({error}); expected 21, 25 "
+            "or 26 points of three numbers for every hand."
+        ) from error
+    if array.ndim < 2 or array.shape[-1] != 3:
+        raise ValueError(f"{path}: points of the shape {array.shape}; expected point × 3.")
+    return to_landmarks(torch.from_numpy(array))
+
+
+def read_table(path: Path) -> GivenHands:
+    """Landmarks of a table: a row per hand with 63, 75 or 78 numbers, or a row per landmark with x, y and z.
+
+    Args:
+        path: The CSV file.
+
+    Raises:
+        ValueError: The table has neither.
+    """
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
+    header = rows[0] if rows and not any(math.isfinite(_number(cell)) for cell in rows[0]) else []
+    body = rows[1:] if header else rows
+    table = np.array([[_number(cell) for cell in row] for row in body])
+    columns = [_column(header, axis) for axis in "xyz"]
+    width = table.shape[1] if table.ndim == 2 else 0
+    if width and None not in columns and len(table) % 21 == 0 and width < 63:
+        array = table[:, [int(column or 0) for column in columns]].reshape(-1, 21, 3)
+    elif width == 3 and len(table) % 21 == 0:
+        array = table.reshape(-1, 21, 3)
+    else:
+        array = _wide(path, table, width)
+    return of_points(to_landmarks(torch.from_numpy(array)), str(path))
+
+
+def _column(header: list[str], axis: str) -> int | None:
+    """Column of a coordinate, such as `x` or `x_m`."""
+    pattern = re.compile(rf"{axis}(_|\b)", re.IGNORECASE)
+    return next((i for i, name in enumerate(header) if pattern.match(name.strip())), None)
+
+
+def _wide(path: Path, table: np.ndarray, width: int) -> np.ndarray:
+    for count in sorted(COUNTS, reverse=True):
+        # Columns before the coordinates, such as a number or a name, are left out.
+        if 3 * count <= width < 3 * count + 9:
+            return np.asarray(table[:, -3 * count :].reshape(-1, count, 3))
+    raise ValueError(
+        f"{path} has {width} columns in {len(table)} rows; expected a row per hand with 63 numbers (21 × x, "
+        "y, z), 75 or 78, or 21 rows per hand with columns x, y and z."
+    )
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
