@@ -31,9 +31,26 @@ def lift(
         observation: Hands in any roll; they are rotated fingers up, as in the lifter's training.
         hand: The lifter's hand model with another landmark set, that of the observation; none for its own.
     """
-    batch, motion = _upright(observation)
-    prediction: HandPrediction = regressor(batch)
-    parameters = _in_true_camera(prediction.parameters, motion, observation.intrinsics)
+    return lift_batch(regressor, _batch_of(observation), observation.intrinsics, hand)
+
+
+def lift_batch(
+    regressor: Regressor,
+    batch: HandBatch,
+    intrinsics: Float[Tensor, "hand 3 3"],
+    hand: HandModel | None = None,
+) -> HandPrediction:
+    """Predict the hands of a batch of landmarks without images; see `lift`.
+
+    Args:
+        regressor: Lifter, in evaluation mode.
+        batch: Landmarks in any roll and at any scale.
+        intrinsics: Camera matrix of each hand, pixels of its landmarks.
+        hand: The lifter's hand model with another landmark set; none for its own.
+    """
+    motion = upright_motion(batch.landmarks_2d, batch.labelled, REFERENCE_SIZE)
+    prediction: HandPrediction = regressor(move(batch, motion))
+    parameters = _in_true_camera(prediction.parameters, motion, intrinsics)
     posed = (hand or regressor.hand).to_camera(parameters)
     # The roll mixes the variances of the two coordinates; their correlation is ignored.
     back = motion.camera.mT
@@ -43,9 +60,9 @@ def lift(
         vertices=posed.vertices,
         joints=posed.joints,
         landmarks_3d=posed.landmarks,
-        landmarks_2d=project(posed.landmarks, observation.intrinsics),
+        landmarks_2d=project(posed.landmarks, intrinsics),
         log_sigma=squares[..., 0].log() / 2 - motion.scale.log()[:, None, None],
-        intrinsics=observation.intrinsics,
+        intrinsics=intrinsics,
     )
 
 
@@ -118,8 +135,15 @@ def position_of(
 
 def _upright(observation: Observation) -> tuple[HandBatch, CropMotion]:
     """The observation as a lifter sees it, fingers up, and the motion that made it so."""
+    batch = _batch_of(observation)
+    motion = upright_motion(batch.landmarks_2d, batch.labelled, REFERENCE_SIZE)
+    return move(batch, motion), motion
+
+
+def _batch_of(observation: Observation) -> HandBatch:
+    """The observation's landmarks and confidences as a batch without images."""
     count = len(observation)
-    batch = HandBatch(
+    return HandBatch(
         image=torch.empty(count, 3, 0, 0),
         landmarks_2d=observation.landmarks_2d,
         labelled=observation.labelled,
@@ -127,8 +151,6 @@ def _upright(observation: Observation) -> tuple[HandBatch, CropMotion]:
         index=torch.arange(count),
         source=("",) * count,
     )
-    motion = upright_motion(batch.landmarks_2d, batch.labelled, REFERENCE_SIZE)
-    return move(batch, motion), motion
 
 
 def _in_true_camera(

@@ -45,7 +45,7 @@ def upright_motion(
     # A single landmark has no extent; a minimum of one pixel keeps the scale finite.
     extent = (high - low).amax(dim=1).masked_fill(none[:, 0], FILL * crop_size).clamp(min=1.0)
     scale = FILL * crop_size / extent
-    pixels = torch.eye(3, dtype=points.dtype, device=points.device).repeat(len(points), 1, 1)
+    pixels = torch.eye(3, dtype=points.dtype, device=points.device).repeat(points.shape[0], 1, 1)
     pixels[:, :2, :2] = scale[:, None, None] * roll[:, :2, :2]
     pixels[:, :2, 2] = crop_size / 2 - scale[:, None] * middle
     return CropMotion(pixels=pixels, camera=roll, scale=scale)
@@ -53,7 +53,7 @@ def upright_motion(
 
 def _direction_up(points: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
     """Unit direction of the fingers in the image; upwards (0, −1) where it is unknown."""
-    up = points.new_tensor([0.0, -1.0]).expand(len(points), 2)
+    up = points.new_tensor([0.0, -1.0]).expand(points.shape[0], 2)
     for start, end in ((_KNUCKLES, _BEYOND), (_WRIST, _KNUCKLES)):
         known = labelled[:, start].any(dim=1) & labelled[:, end].any(dim=1)
         ahead = _mean(points, labelled, end) - _mean(points, labelled, start)
@@ -70,7 +70,7 @@ def _mean(points: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
 def _camera_roll(up: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 3 3"]:
     """The rotation about the optical axis that takes a direction of the image to (0, −1)."""
     sine, cosine = up[:, 0], -up[:, 1]
-    roll = torch.zeros(len(up), 3, 3, dtype=up.dtype, device=up.device)
+    roll = torch.zeros(up.shape[0], 3, 3, dtype=up.dtype, device=up.device)
     roll[:, 0, 0], roll[:, 0, 1] = cosine, sine
     roll[:, 1, 0], roll[:, 1, 1] = -sine, cosine
     roll[:, 2, 2] = 1

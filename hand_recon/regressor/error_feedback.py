@@ -152,7 +152,7 @@ class Regressor(nn.Module):
 
     def _feedback(self, evidence: Evidence, batch: HandBatch) -> Tensor:
         features = evidence.features.float()
-        state = self.initial_state.expand(len(features), -1)
+        state = self.initial_state.expand(features.shape[0], -1)
         for _ in range(self.iterations):
             seen = [features, state[:, :_FED_BACK]]
             if self.skeleton is not None:
@@ -192,7 +192,7 @@ class Regressor(nn.Module):
         rotation = six_d_to_rotation(parts["root"])
         scale = bounded_log_scale(parts["camera"][..., :1])
         translation = raw_to_translation(torch.cat([scale, parts["camera"][..., 1:]], dim=-1))
-        camera = default_intrinsics(crop_size, state).expand(len(state), 3, 3)
+        camera = default_intrinsics(crop_size, state).expand(state.shape[0], 3, 3)
         if self.use_intrinsics and intrinsics is not None:
             camera = intrinsics
             rotation, translation = to_true_camera(rotation, translation, camera, crop_size)
@@ -206,7 +206,7 @@ class Regressor(nn.Module):
         if motion is None:
             return self._placed(state, batch.crop_size, batch.intrinsics)
         upright, _ = self._placed(state, batch.crop_size, None)
-        camera = default_intrinsics(batch.crop_size, state).expand(len(state), 3, 3)
+        camera = default_intrinsics(batch.crop_size, state).expand(state.shape[0], 3, 3)
         if self.use_intrinsics and batch.intrinsics is not None:
             camera = batch.intrinsics
         return in_camera(upright, motion, camera, batch.crop_size), camera

@@ -49,7 +49,7 @@ def look_around(look: Callable[[Images], Look], images: Images, turns: Sequence[
     looks = _together(look, [torch.rot90(images, -quarter, (-2, -1)) for quarter in range(4)])
     spread = torch.stack([one.spread.mean(dim=-1) for one in looks])
     spread[0] *= AS_IT_IS
-    surest, rows = spread.argmin(dim=0), torch.arange(len(images), device=device)
+    surest, rows = spread.argmin(dim=0), torch.arange(images.shape[0], device=device)
 
     def chosen(values: Sequence[Tensor]) -> Tensor:
         return torch.stack(list(values))[surest, rows]
@@ -76,11 +76,12 @@ def look_around(look: Callable[[Images], Look], images: Images, turns: Sequence[
 
 def _together(look: Callable[[Images], Look], crops: Sequence[Images]) -> list[Look]:
     """Look at several crops of each hand in one batch, which is faster for a few hands."""
-    seen, count = look(torch.cat(list(crops))), len(crops)
+    seen, each = look(torch.cat(list(crops))), (len(crops), crops[0].shape[0])
     parts = zip(
-        seen.landmarks.chunk(count),
-        seen.spread.chunk(count),
-        seen.summary.chunk(count),
+        *(
+            values.unflatten(0, each).unbind()
+            for values in (seen.landmarks, seen.spread, seen.summary)
+        ),
         strict=True,
     )
     return [Look(*part) for part in parts]

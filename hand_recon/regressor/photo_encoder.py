@@ -102,7 +102,7 @@ class PhotoEncoder(Encoder):
         # The maps learn from labels alone: the rounds of feedback have a hundred times their gradient.
         found = seen.landmarks.detach()
         landmarks = torch.where(known[:, None, None], given, found)
-        shown = torch.where(known[:, None], visible, torch.ones_like(visible))
+        shown = visible | ~known[:, None]
         # Found landmarks have the spread of their maps as a confidence, given ones the detector's own.
         confidence = torch.exp(-10 * seen.spread.detach())
         detected = batch.confidence
@@ -144,7 +144,7 @@ class PhotoEncoder(Encoder):
         motion = upright_motion(given, visible, batch.crop_size)
         landmarks = move_points(given, motion.pixels)
         features = self.landmarks.features(_seen(batch, landmarks, visible, batch.confidence))
-        rest = features.new_zeros(len(features), self.feature_size - features.shape[-1])
+        rest = features.new_zeros(features.shape[0], self.feature_size - features.shape[-1])
         rest[:, -2] = 1.0
         return Evidence(torch.cat([features, rest], dim=-1), landmarks, visible, motion)
 
