@@ -43,10 +43,9 @@ def export(config: DictConfig) -> dict[str, Any]:
         check(one, hands)
     folder = results_folder(config)
     files = _write_all(names, hands, folder)
-    for path in files[:_SHOWN]:
-        logger.info("%s", path)
-    if len(files) > _SHOWN:
-        logger.info("and %d more in %s", len(files) - _SHOWN, folder)
+    shown = [str(path.relative_to(folder)) for path in files[:_SHOWN]]
+    more = [f"and {len(files) - _SHOWN} more"] if len(files) > _SHOWN else []
+    logger.info("Wrote to %s: %s", folder, ", ".join([*shown, *more]))
     return {"hands": sum(1 for _ in hands), "files": [str(path) for path in files]}
 
 
