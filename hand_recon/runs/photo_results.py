@@ -27,14 +27,16 @@ from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.fitting.results import check_mesh_format, file_name, write_image
 from hand_recon.runs.looking import LookedAt
+from hand_recon.runs.ranking_file import check_ranking, write_ranking
 from hand_recon.visualization.gallery import GalleryEntry, GalleryHand, write_gallery
 from hand_recon.visualization.hand_overlay import draw_hands
 
 logger = logging.getLogger(__name__)
 
 PHOTO_PRODUCTS: Final = (
-    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "progress.jsonl",
-    "overlays", "meshes", "index.html", "pictures", "fits.png", "metrics.json", "checkpoints",
+    "hands.json", "hands.json.part", "hands.csv", "landmarks.csv", "images.csv", "to_annotate.csv",
+    "progress.jsonl", "overlays", "meshes", "index.html", "pictures", "fits.png", "metrics.json",
+    "checkpoints",
 )  # fmt: skip
 """Files and folders of `predict`; a folder that holds one of them is not written to."""
 
@@ -50,15 +52,18 @@ class PhotoOptions:
     """Options for the results besides `hands.json` and the tables.
 
     Raises:
-        ValueError: The format of meshes is unknown.
+        ValueError: The format of meshes or the ranking is unknown.
     """
 
     overlays: bool = True
     """True for an image of each photograph with its hands, and `index.html`."""
     meshes: str | None = None
     """Format of the meshes, one of `hand_recon.fitting.results.MESH_FORMATS`; None for no meshes."""
+    rank: str | None = None
+    """`uncertainty` for a list of the images to annotate next, `to_annotate.csv`; None for no list."""
 
     def __post_init__(self) -> None:
+        check_ranking(self.rank, folder=True)
         if self.meshes is not None:
             check_mesh_format(self.meshes)
 
@@ -99,6 +104,8 @@ class PhotoResults:
         records = read_hands(hands)
         _write_table(self.folder / "images.csv", self.rows)
         write_tables(self.folder, records)
+        if self.options.rank is not None:
+            write_ranking(self.folder, self.rows, records)
         if self.options.overlays:
             self._gallery(records)
         progress.unlink()

@@ -37,6 +37,7 @@ from hand_recon.runs.looking import (
 from hand_recon.runs.photo_checkpoint import checkpoint_file, with_network
 from hand_recon.runs.photo_network import PhotoNetwork
 from hand_recon.runs.photo_results import PHOTO_PRODUCTS, PhotoResults
+from hand_recon.runs.ranking_file import check_ranking
 from hand_recon.runs.unfinished import (
     MARK,
     claim_or_resume,
@@ -71,6 +72,11 @@ def predict(config: DictConfig) -> dict[str, Any]:
     config = adapted_to_data(config)
     inputs = _inputs(config)
     video = _video(inputs, config.motion.fps)
+    check_ranking(
+        config.rank,
+        folder=config.json != "-" or config.output is not None,
+        photographs=video is None,
+    )
     if video is not None:
         with video:
             return _predict_video(config, video, inputs[0])
