@@ -12,8 +12,8 @@ from hand_recon.fitting.origin import Moment
 VERDICTS: Final = ("plausible", "doubtful", "not fitted")
 """Verdicts on a hand, best first."""
 
-CAMERAS: Final = ("given", "EXIF", "field of view", "assumed")
-"""Sources of a camera matrix."""
+CAMERAS: Final = ("given", "EXIF", "field of view", "assumed", "none")
+"""Sources of a camera matrix; `none` for hands that no camera saw, with a made-up matrix."""
 
 SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
     "landmarks_3d": (21, 3),
@@ -104,8 +104,9 @@ class HandRecords:
 
     @property
     def intrinsics_known(self) -> Bool[np.ndarray, " hand"]:
-        """Mask of the hands whose camera matrix was not assumed."""
-        return np.array([source not in (None, "assumed") for source in self.cameras], dtype=bool)
+        """Mask of the hands whose camera matrix was not assumed or made up."""
+        unknown = (None, "assumed", "none")
+        return np.array([source not in unknown for source in self.cameras], dtype=bool)
 
 
 def joined_records(parts: Sequence[HandRecords]) -> HandRecords:

@@ -16,8 +16,9 @@ An object has these keys, in this order; `hands.schema.json` beside this module 
     shape                10, standard deviations
     root_rotation        3×3, from the hand's frame to the camera's
     translation          3, origin of the hand's frame in the camera's, metres
-    camera               intrinsics 3×3, pixels of the image; source: `given`, `EXIF`, `field of view` or
-                         `assumed`; image_size: width and height, null if unknown
+    camera               intrinsics 3×3, pixels of the image; source: `given`, `EXIF`, `field of view`,
+                         `assumed`, or `none` for hands that no camera saw; image_size: width and height,
+                         null if unknown
     residual             mean distance to the observed landmarks, pixels of the image; null without any
     loss                 value of every term of the loss by name, null where it is not finite
     source               steps that made the hand, such as `mediapipe, fit`

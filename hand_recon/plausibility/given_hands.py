@@ -13,6 +13,20 @@ from hand_recon.schema import HandParameters
 
 
 @dataclass(frozen=True)
+class GivenCamera:
+    """Image and camera of a hand, which a file of hands has and points have not."""
+
+    intrinsics: Float[np.ndarray, "3 3"]
+    """Camera matrix, pixels of the image."""
+    source: str
+    """Source of the matrix, one of `hand_recon.fitting.hand_records.CAMERAS`."""
+    image: str | None
+    """File name of the image; None without one."""
+    image_size: tuple[int, int] | None
+    """Width and height of the image, pixels; None if unknown."""
+
+
+@dataclass(frozen=True)
 class GivenHands:
     """Hands to audit, one row per hand; numbers that a source does not give are NaN."""
 
@@ -34,6 +48,8 @@ class GivenHands:
     """Name of the sequence that each hand is a frame of; empty for single hands."""
     times: Float[Tensor, " hand"]
     """Time of each frame of a sequence, seconds."""
+    cameras: tuple[GivenCamera | None, ...]
+    """Camera of each hand; None for hands without one."""
     notes: tuple[str, ...] = ()
     """Sentences about what was assumed in reading."""
 
@@ -82,6 +98,7 @@ def of_points(
         ("",) * count,
         ("",) * count,
         torch.full((count,), torch.nan),
+        (None,) * count,
     )
 
 

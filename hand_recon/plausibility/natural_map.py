@@ -71,14 +71,28 @@ def draw_map(found: NaturalMap, path: Path) -> None:
     figure = Figure(figsize=(7, 5.5), layout="constrained")
     axes = figure.subplots()
     natural, audited = np.degrees(found.natural), np.degrees(found.audited)
-    axes.scatter(*natural.T, s=8, c="#9aa7b5", linewidths=0, label=f"natural poses ({NATURAL})")
+    axes.scatter(
+        natural[:, 0],
+        natural[:, 1],
+        s=8,
+        c="#9aa7b5",
+        linewidths=0,
+        label=f"natural poses ({NATURAL})",
+    )
     step = max(1, len(audited) // SHOWN)
     for mask, colour, name in (
         (~found.implausible, "#2c7bb6", "audited, plausible"),
         (found.implausible, "#d7191c", "audited, implausible"),
     ):
         some = audited[mask][::step]
-        axes.scatter(*some.T, s=16, c=colour, linewidths=0, label=f"{name} ({int(mask.sum())})")
+        axes.scatter(
+            some[:, 0],
+            some[:, 1],
+            s=16,
+            c=colour,
+            linewidths=0,
+            label=f"{name} ({int(mask.sum())})",
+        )
     axes.set(
         xlabel="first component, degrees",
         ylabel="second component, degrees",

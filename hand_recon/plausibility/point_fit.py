@@ -39,6 +39,9 @@ HINGE_SPLAY: Final = 20.0
 """Standard deviation of the splay of hinges (PIP, DIP, the thumb's MCP and IP), degrees. A hinge has no
 splay; hands of other shapes than the model's, and noise, need some to meet given points."""
 
+SHAPE_PRECISION: Final = 1e6
+"""Inverse variance of the shape of hands of known shape."""
+
 STEPS: Final = Limits(iterations=40, tolerance=1e-5)
 
 _AT_ONCE: Final = 512
@@ -58,6 +61,8 @@ class PointProblem:
     """Mask of the points that are there."""
     sigma: float = SIGMA
     """Standard deviation of a coordinate, metres."""
+    shape_mean: Float[Tensor, "hand direction=10"] | None = None
+    """Shape that hands are kept at; None for any shape about the mean hand's."""
 
     @classmethod
     def of(
@@ -81,7 +86,16 @@ class PointProblem:
 
     def __getitem__(self, hands: Tensor) -> Self:
         """The problem of some of the hands."""
-        return replace(self, target=self.target[hands], given=self.given[hands])
+        mean = None if self.shape_mean is None else self.shape_mean[hands]
+        return replace(self, target=self.target[hands], given=self.given[hands], shape_mean=mean)
+
+    def with_shape(self, shape: Float[Tensor, "hand direction=10"]) -> Self:
+        """The same problem for hands of known shape.
+
+        Args:
+            shape: Shape coefficients, standard deviations.
+        """
+        return replace(self, shape_mean=shape)
 
     def __call__(self, unknowns: Unknowns) -> Model:
         """Compute the loss with its first and second derivatives.
@@ -98,18 +112,25 @@ class PointProblem:
         residual = residual.flatten(1) / self.sigma
         smooth, hinge = self.terms.smooth(unknowns), self.terms.hinge(unknowns)
         gradient = (jacobian.mT @ residual[..., None])[..., 0] + smooth.gradient
-        gradient[:, SHAPE] += unknowns.shape
+        shape, precision = self._shape(unknowns)
+        gradient[:, SHAPE] += precision * shape
         curvature = jacobian.mT @ jacobian
         diagonal = curvature.diagonal(dim1=1, dim2=2)
         diagonal.add_(smooth.diagonal)
-        diagonal[:, SHAPE] += 1
+        diagonal[:, SHAPE] += precision
         if smooth.matrix is not None:
             curvature = curvature + smooth.matrix
-        value = 0.5 * (residual.square().sum(dim=1) + unknowns.shape.square().sum(dim=1))
+        value = 0.5 * (residual.square().sum(dim=1) + precision * shape.square().sum(dim=1))
         value = value + smooth.value
         if hinge is not None:
             value = value + hinge.value()
         return Model(value, gradient, curvature, hinge, torch.arange(COUNT))
+
+    def _shape(self, unknowns: Unknowns) -> tuple[Tensor, float]:
+        """Shape from where it is kept, standard deviations, and its precision."""
+        if self.shape_mean is None:
+            return unknowns.shape, 1.0
+        return unknowns.shape - self.shape_mean, SHAPE_PRECISION
 
     def offset(self, unknowns: Unknowns) -> Float[Tensor, "hand 3"]:
         """Position of the hand's origin that meets the points best, metres.
@@ -185,6 +206,17 @@ class PointFitter:
             points: Landmarks of right hands, metres; NaN where missing.
         """
         return PointProblem.of(self._projection, self._prior, points, self._sigma)
+
+    def fitted(self, problem: PointProblem, start: HandParameters) -> PointFit:
+        """Fit hands to a problem that was changed.
+
+        Args:
+            problem: The loss.
+            start: Hands to start from.
+        """
+        place = torch.zeros_like(start.translation)
+        unknowns = Unknowns(start.joint_angles, start.root_rotation, place, start.shape)
+        return self._fitted(problem, unknowns)
 
     def _start(self, points: Tensor, start: HandParameters | None, rows: Tensor) -> Unknowns:
         if start is None:

@@ -1,6 +1,7 @@
 """The report of an audit: files, pictures of the worst hands, the map, the page and its tables."""
 
 import logging
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from hand_recon.plausibility.drawing import draw_hand
 from hand_recon.plausibility.natural_map import draw_map, natural_map
 from hand_recon.plausibility.page import Page, PageTable, PictureOfHand, write_page
 from hand_recon.plausibility.posed_hands import HandModels
+from hand_recon.plausibility.repaired_hands import RepairedHands
 from hand_recon.plausibility.report_files import write_report
 
 logger = logging.getLogger(__name__)
@@ -20,29 +22,55 @@ PRODUCTS = ("audit.json", "audit.csv", "index.html", "worst", "map.png", "repair
 """Files and folders of a report."""
 
 
-def write_audit(
-    folder: Path, audit: Audit, models: HandModels, settings: dict[str, Any], worst: int
-) -> None:
-    """Write everything about an audit.
+@dataclass(frozen=True)
+class ReportOptions:
+    """What a report holds besides the audit."""
+
+    settings: dict[str, Any]
+    """Settings of the command."""
+    worst: int = 12
+    """Number of hands that are drawn."""
+    repair: RepairedHands | None = None
+    """Repaired hands, if there are any."""
+
+
+def write_audit(folder: Path, audit: Audit, models: HandModels, options: ReportOptions) -> None:
+    """Write everything about an audit but repaired hands.
 
     Args:
         folder: The report's folder.
         audit: The audit.
         models: Hand models.
-        settings: Settings of the command.
-        worst: Number of hands that are drawn.
+        options: What the report holds besides.
     """
-    write_report(folder, audit, settings)
+    write_report(folder, audit, options.settings, options.repair)
     write_page(
         folder / "index.html",
         Page(
-            "Audit of " + ", ".join(Path(name).name for name in settings["files"]),
-            tables(audit),
+            "Audit of " + ", ".join(Path(name).name for name in options.settings["files"]),
+            (*tables(audit), *repair_tables(options.repair)),
             audit.hands.given.notes,
             _map(folder, audit),
-            _worst(folder, audit, models, worst),
+            _worst(folder, audit, models, options.worst),
         ),
     )
+
+
+def repair_tables(repair: RepairedHands | None) -> tuple[PageTable, ...]:
+    """Table of repaired hands; none without any.
+
+    Args:
+        repair: Repaired hands.
+    """
+    if repair is None:
+        return ()
+    rows = [[_words(key), value] for key, value in repair.summary().items()]
+    return (PageTable("Repaired hands", ("measure", "value"), rows),)
+
+
+def _words(key: str) -> str:
+    """Words of a key of the summaries."""
+    return key.replace("_", " ").replace("percent", "%")
 
 
 def tables(audit: Audit) -> tuple[PageTable, ...]:
@@ -52,9 +80,7 @@ def tables(audit: Audit) -> tuple[PageTable, ...]:
         audit: The audit.
     """
     summary = audit.summary()
-    words = [
-        [key.replace("_", " ").replace("percent", "%"), value] for key, value in summary.items()
-    ]
+    words = [[_words(key), value] for key, value in summary.items()]
     joints = [list(row.values()) for row in audit.joints()]
     columns = (
         "joint", "axis", "lower °", "upper °", "least °", "median °", "greatest °", "violated %",

@@ -14,6 +14,7 @@ from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
 from hand_recon.plausibility.audit import Audit
 from hand_recon.plausibility.findings import PHALANGES
+from hand_recon.plausibility.repaired_hands import RepairedHands
 from hand_recon.plausibility.verdicts import Worst, violations
 
 DECIMALS: Final = 3
@@ -32,15 +33,18 @@ COLUMNS: Final = (
 """Columns of `audit.csv`."""
 
 
-def write_report(folder: Path, audit: Audit, settings: dict[str, Any]) -> None:
+def write_report(
+    folder: Path, audit: Audit, settings: dict[str, Any], repair: RepairedHands | None = None
+) -> None:
     """Write `audit.json` and `audit.csv`.
 
     Args:
         folder: Folder of the report.
         audit: The audit.
         settings: Settings of the command, for the file.
+        repair: Repaired hands, if there are any.
     """
-    content = {
+    content: dict[str, Any] = {
         "version": __version__,
         "settings": settings,
         "limits": asdict(audit.limits)
@@ -51,6 +55,11 @@ def write_report(folder: Path, audit: Audit, settings: dict[str, Any]) -> None:
         "sequences": [_sequence(asdict(one)) for one in audit.sequences],
         "hands": list(hand_rows(audit)),
     }
+    if repair is not None:
+        content["repair"] = repair.summary()
+        for entry, moved in zip(content["hands"], repair.moved, strict=True):
+            entry["moved_mm_mean"] = float(moved.mean())
+            entry["moved_mm_greatest"] = float(moved.max())
     with replaced_when_whole(folder / "audit.json") as path:
         path.write_text(
             json.dumps(_finite(content), indent=1, ensure_ascii=False), encoding="utf-8"

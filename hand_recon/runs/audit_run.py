@@ -10,13 +10,22 @@ from rich.console import Console
 from rich.table import Table
 
 from hand_recon.command_line.resolvers import MANO_HAND
+from hand_recon.fitting.hands_file import writing_hands
+from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.plausibility.audit import Audit, audited
 from hand_recon.plausibility.findings import Knowledge
 from hand_recon.plausibility.page import PageTable, shown
 from hand_recon.plausibility.posed_hands import HandModels
-from hand_recon.plausibility.report import PRODUCTS, terminal_tables, write_audit
+from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
+from hand_recon.plausibility.report import (
+    PRODUCTS,
+    ReportOptions,
+    repair_tables,
+    terminal_tables,
+    write_audit,
+)
 from hand_recon.plausibility.verdicts import Limits
 from hand_recon.runs.audit_sources import Reading, read_given
 from hand_recon.runs.configuration import build_hand, configure_process, plain
@@ -61,10 +70,13 @@ def audit(config: DictConfig) -> dict[str, Any]:
     )
     folder = claim_report(config.output or config.paths.run)
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
-    settings = _settings(config, names)
-    write_audit(folder, found, models, settings, config.worst)
-    show(found)
+    repair = repaired(found, models) if config.repair else None
+    write_audit(folder, found, models, _options(config, names, repair))
+    show(found, repair)
     summary: dict[str, Any] = found.summary()
+    if repair is not None:
+        summary["repair"] = repair.summary()
+        write_repaired(folder / "repaired", repair)
     logger.info("Open %s", folder / "index.html")
     if config.strict and summary["implausible"]:
         raise SystemExit(1)
@@ -88,14 +100,29 @@ def claim_report(path: str | Path) -> Path:
     return folder
 
 
-def show(found: Audit) -> None:
+def write_repaired(folder: Path, repair: RepairedHands) -> None:
+    """Write repaired hands as a file of hands, with their tables beside it.
+
+    Args:
+        folder: Folder to make.
+        repair: The hands.
+    """
+    folder.mkdir()
+    records = to_records(repair)
+    with writing_hands(folder / "hands.json") as write:
+        write(records)
+    write_tables(folder, records)
+
+
+def show(found: Audit, repair: RepairedHands | None) -> None:
     """Print the tables of an audit, and its notes.
 
     Args:
         found: The audit.
+        repair: Repaired hands, if there are any.
     """
     console = Console()
-    for table in terminal_tables(found):
+    for table in (*terminal_tables(found), *repair_tables(repair)):
         if table.rows:
             console.print(_drawn(table))
     for note in found.hands.given.notes:
@@ -119,8 +146,9 @@ def _reading(config: DictConfig) -> Reading:
     return Reading(config.sequence, config.same_person, config.fps)
 
 
-def _settings(config: DictConfig, names: Sequence[str]) -> dict[str, Any]:
-    keys = ("ranges", "anatomy", "order", "side", "sequence", "same_person", "fps")
-    return (
-        {"files": list(names)} | {key: config[key] for key in keys} | {"hand": config.hand._target_}
-    )
+def _options(
+    config: DictConfig, names: Sequence[str], repair: RepairedHands | None
+) -> ReportOptions:
+    keys = ("ranges", "anatomy", "order", "side", "sequence", "same_person", "fps", "landmark_set")
+    settings = {"files": list(names)} | {key: config[key] for key in keys}
+    return ReportOptions(settings | {"hand": config.hand._target_}, config.worst, repair)

@@ -11,7 +11,7 @@ import torch
 from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import read_hands
 from hand_recon.hand.model import HandModel
-from hand_recon.plausibility.given_hands import GivenHands, joined_hands, of_points
+from hand_recon.plausibility.given_hands import GivenCamera, GivenHands, joined_hands, of_points
 from hand_recon.runs.audit_arrays import read_npy, read_npz
 from hand_recon.runs.audit_mano import ManoReader
 from hand_recon.runs.audit_metas import read_meta_hand
@@ -133,6 +133,12 @@ def of_records(hands: HandRecords, file: str) -> GivenHands:
         hand_models=hands.hand_models,
         sequences=tuple("" if one is None else f"{file} hand {one.hand}" for one in moments),
         times=torch.tensor([torch.nan if one is None else one.time for one in moments]),
+        cameras=tuple(
+            None if source is None else GivenCamera(matrix, source, image, size)
+            for matrix, source, image, size in zip(
+                hands.intrinsics, hands.cameras, hands.images, hands.image_sizes, strict=True
+            )
+        ),
     )
 
 

@@ -52,7 +52,11 @@ def camera_doubts(
         matrices = hands.observed.intrinsics.double()
         doubts = _matrix_doubts(matrices, sizes) | _position_doubts(hands, matrices)
         # An assumed camera says nothing about distances, even where a matrix was made of it.
-        known = {hand for hand, origin in enumerate(hands.origins) if origin.camera != "assumed"}
+        known = {
+            hand
+            for hand, origin in enumerate(hands.origins)
+            if origin.camera not in ("assumed", "none")
+        }
         found |= {
             name: {hand: sentence for hand, sentence in those.items() if hand in known}
             for name, those in doubts.items()
