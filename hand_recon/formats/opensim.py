@@ -2,7 +2,7 @@
 
 A .trc file has the 21 landmarks of the file of hands as markers, millimetres, in a world with x to the right,
 y up and z towards the viewer, with the camera at its origin. A landmark of a frame without the hand is three
-empty cells. A .mot file has the 45 joint angles in degrees, under the names and with the signs of
+times `NaN`. A .mot file has the 45 joint angles in degrees, under the names and with the signs of
 `clinical_angles.py`; frames without the hand are bridged by lines, because motion files hold no gaps.
 OpenSim's models have coordinates of their own: rename the columns to those of the model, and check the signs.
 
@@ -53,7 +53,8 @@ def write_trc(path: str | Path, hand: ExportedHand) -> Path:
         zip(rows.times.tolist(), points.reshape(count, -1), rows.in_gap.tolist(), strict=True)
     ):
         # Adding zero turns −0 into 0.
-        cells = [""] * flat.size if in_gap else [f"{one + 0.0:.4f}" for one in flat.round(4)]
+        # OpenSim miscounts the columns of a row whose last cell is empty, and reads NaN.
+        cells = ["NaN"] * flat.size if in_gap else [f"{one + 0.0:.4f}" for one in flat.round(4)]
         lines.append("\t".join([str(number + 1), f"{time:.6f}", *cells]))
     return write_new(path, ("\n".join(lines) + "\n").encode("utf-8"))
 

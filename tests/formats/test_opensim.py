@@ -58,20 +58,20 @@ def test_a_single_frame_is_a_row() -> None:
     assert rows.sample(np.array([[7.0]])).tolist() == [[7.0]]
 
 
-def test_markers_are_y_up_in_millimetres_and_empty_in_gaps(tmp_path: Path) -> None:
+def test_markers_are_y_up_in_millimetres_and_missing_in_gaps(tmp_path: Path) -> None:
     trajectory = without_frames(moving_hand(1, "left", Clip(frames=6, start=4)), 6, 7)
     path = write_trc(tmp_path / "new" / "a.trc", hand_of(trajectory))
     text = path.read_text().split("\n")
     assert text[2].split("\t")[2:5] == ["6", "21", "mm"]
-    assert text[8].split("\t") == ["3", "0.200000", *[""] * 63]
+    assert text[8].split("\t") == ["3", "0.200000", *["NaN"] * 63]
     # Landmark 0 is at (t, 1 + t, 2 + t) metres in the camera's frame.
     assert text[6].split("\t")[1:5] == ["0.133333", "133.3333", "-1133.3333", "-2133.3333"]
     markers = read_trc(path)
     assert markers.rate == pytest.approx(30)
     assert markers.names[5] == "index_MCP"
     assert len(markers.names) == len(LANDMARKS)
-    empty = np.isnan(markers.points).all(axis=(1, 2))
-    assert empty.tolist() == [False, False, True, True, False, False]
+    missing = np.isnan(markers.points).all(axis=(1, 2))
+    assert missing.tolist() == [False, False, True, True, False, False]
     with pytest.raises(FileExistsError, match=r"a\.trc exists and is not overwritten"):
         write_trc(path, hand_of(trajectory))
 

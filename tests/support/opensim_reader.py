@@ -20,7 +20,7 @@ class Markers:
     names: list[str]
     times: Float[np.ndarray, " row"]
     points: Float[np.ndarray, "row marker 3"]
-    """Metres; NaN for empty cells."""
+    """Metres; NaN for missing ones."""
     rate: float
 
 
@@ -39,7 +39,8 @@ def read_trc(path: Path) -> Markers:
     assert axes[2:] == [f"{axis}{marker + 1}" for marker in range(len(names)) for axis in "XYZ"]
     assert lines[5] == ""
     rows = [line.split("\t") for line in lines[6 : lines.index("", 6)]]
-    assert all(len(row) == 2 + 3 * len(names) for row in rows)
+    # OpenSim 4.6 drops the last cell of a row if it is empty, and then refuses the row.
+    assert all(len(row) == 2 + 3 * len(names) and row[-1] for row in rows)
     assert [int(row[0]) for row in rows] == list(range(1, int(values["NumFrames"]) + 1))
     assert int(values["NumMarkers"]) == len(names)
     unit = {"mm": 1e-3, "m": 1.0}[values["Units"]]
