@@ -73,6 +73,11 @@ VERBS: Final = {
             "hand_recon.runs.export_run:export", ("source",), ("output", "hand.path"), lists=("format",),
         ),
         Verb(
+            "demo", HANDS, "a local web page: photographs, the webcam, and knowledge step by step",
+            "hand_recon.page.server:demo", ("results",),
+            ("detector.landmarks", "detector.boxes", "detector.models", "camera", "hand.path"),
+        ),
+        Verb(
             "train", MODELS, "train, test the best checkpoint, draw a report",
             "hand_recon.runs.training_run:train", (),
             ("resume", "start_from", "model.encoder.weights", *DATA_PATHS),

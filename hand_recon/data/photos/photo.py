@@ -64,7 +64,7 @@ class Photo:
         return self.pixels.shape[1], self.pixels.shape[0]
 
 
-def read_photo(path: str | Path) -> Photo:
+def read_photo(path: str | Path, largest: int | None = None) -> Photo:
     """Read a photograph of any common format; its content decides which, not the suffix of its name.
 
     JPEG, PNG, WebP, TIFF, AVIF, GIF, BMP, JPEG 2000, PPM and, with pi-heif, HEIC. Grey, palette, CMYK and
@@ -74,9 +74,14 @@ def read_photo(path: str | Path) -> Photo:
     Files are read one after the other, also by several threads, because Pillow's limits are the process's.
     The peak of memory is 10 bytes a pixel, 18 for WebP: 1.1 GB for a JPEG of 12,000 × 9,000.
 
+    Args:
+        path: The file.
+        largest: Most pixels, `LARGEST_PHOTO` or fewer; none for `LARGEST_PHOTO`. Photographs with more are
+            refused before they are decoded.
+
     Raises:
-        PhotoError: There is no such file, or it is no photograph, damaged, cut off, larger than
-            `LARGEST_PHOTO`, or HEIC without pi-heif.
+        PhotoError: There is no such file, or it is no photograph, damaged, cut off, larger than `largest`,
+            or HEIC without pi-heif.
     """
     path = Path(path)
     kind = _checked_kind(path)
@@ -86,7 +91,7 @@ def read_photo(path: str | Path) -> Photo:
             path.open("rb") as stream,
             Image.open(stream, formats=[kind.name]) as image,
         ):
-            _check_size(path, image.size)
+            _check_size(path, image.size, largest or LARGEST_PHOTO)
             return _decoded(image, path, kind)
     except PhotoError:
         raise
@@ -157,11 +162,11 @@ def _own_limit() -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = before
 
 
-def _check_size(path: Path, size: tuple[int, int]) -> None:
-    if size[0] * size[1] > LARGEST_PHOTO:
+def _check_size(path: Path, size: tuple[int, int], largest: int) -> None:
+    if size[0] * size[1] > largest:
         raise PhotoError(
             f"{shown(path)} has {size[0]} × {size[1]} pixels; expected at most "
-            f"{LARGEST_PHOTO / 1e6:.0f} megapixels. Scale it down first."
+            f"{largest / 1e6:g} megapixels. Scale it down first."
         )
 
 

@@ -1,0 +1,130 @@
+"""Starts the page's server: `hand-recon demo`."""
+
+import asyncio
+import logging
+import webbrowser
+from pathlib import Path
+from typing import Any, Final
+
+import uvicorn
+from omegaconf import DictConfig
+
+from hand_recon.page.bounds import Bounds
+from hand_recon.page.guard import LOOPBACK
+from hand_recon.page.routes import PageSettings, page_app, videos_of
+from hand_recon.page.worker import WorkerProcess
+
+logger = logging.getLogger(__name__)
+
+HANDS_FILES: Final = ("hands.json", "hands.jsonl")
+"""Files of hands in a folder of results."""
+
+EXAMPLES: Final = ("examples/hand.jpg", "examples/two_hands.jpg")
+"""Photographs of a checkout."""
+
+
+def serve(config: DictConfig) -> None:
+    """Serve the page until Ctrl-C.
+
+    Args:
+        config: `conf/demo.yaml` composed.
+
+    Raises:
+        FileNotFoundError: There are no results where they should be.
+        ValueError: A setting is not as expected, or the networks cannot be loaded.
+    """
+    settings = page_settings(config)
+    bounds = settings.bounds
+    worker = WorkerProcess(config, seconds=bounds.seconds, waiting=bounds.waiting)
+    app = page_app(worker, settings)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app,
+            host=str(config.host),
+            port=int(config.port),
+            log_level="warning",
+            ws="websockets-sansio",
+            ws_max_size=2 * bounds.frame_bytes,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+        )
+    )
+    asyncio.run(_run(server, worker, config))
+
+
+async def _run(server: uvicorn.Server, worker: WorkerProcess, config: DictConfig) -> None:
+    """Load the networks, tell the address, and serve."""
+    try:
+        logger.info("Loading the networks…")
+        await worker.call("about")
+        shown = f"[{config.host}]" if ":" in str(config.host) else config.host
+        address = f"http://{shown}:{config.port}/"
+        logger.info("Open %s in a browser; Ctrl-C ends it.", address)
+        if config.open:
+            webbrowser.open(address)
+        await server.serve()
+    finally:
+        await worker.close()
+
+
+def page_settings(config: DictConfig) -> PageSettings:
+    """Settings of the page, checked.
+
+    Args:
+        config: `conf/demo.yaml` composed.
+
+    Raises:
+        FileNotFoundError: There are no results where they should be.
+        ValueError: A bound or the port is not as expected.
+    """
+    if not 0 < int(config.port) < 65536:
+        raise ValueError(f"port is {config.port}; expected a number from 1 to 65535.")
+    host = str(config.host)
+    if host not in LOOPBACK:
+        logger.warning(
+            "host=%s: everybody in this network who knows a name of this machine can open the page and send "
+            "files. Leave host out to have the page on this machine alone.", host,
+        )  # fmt: skip
+    hands_file = None if config.results is None else results_file(Path(config.results))
+    videos = [] if hands_file is None else list(videos_of(hands_file.parent))
+    return PageSettings(
+        bounds=Bounds.from_config(config.bounds),
+        names=(*LOOPBACK, host, *map(str, config.names)),
+        hands_file=hands_file,
+        video=videos[0] if videos else None,
+        examples=tuple(path for path in map(Path, EXAMPLES) if path.is_file()),
+    )
+
+
+def results_file(results: Path) -> Path:
+    """File of hands of results.
+
+    Args:
+        results: A folder that `hand-recon predict` or `fit` wrote, or a file of hands.
+
+    Raises:
+        FileNotFoundError: There is none.
+    """
+    results = results.expanduser()
+    if results.is_file():
+        return results
+    for name in HANDS_FILES:
+        if (results / name).is_file():
+            return results / name
+    raise FileNotFoundError(
+        f"No file of hands at {results}; expected hands.json or hands.jsonl there. Give a folder that "
+        "hand-recon predict or fit wrote, or leave it out."
+    )
+
+
+def demo(config: DictConfig) -> dict[str, Any]:
+    """Serve the page; the function of the verb.
+
+    Args:
+        config: `conf/demo.yaml` composed.
+
+    Returns:
+        Nothing: the command has no numbers.
+    """
+    serve(config)
+    return {}
