@@ -27,7 +27,7 @@ def export(config: DictConfig) -> dict[str, Any]:
         config: `conf/export.yaml` composed.
 
     Returns:
-        The number of hands and the files.
+        The number of hands, unless a network was written, and the files.
 
     Raises:
         FileExistsError: A file exists in the folder of the results.
@@ -36,6 +36,8 @@ def export(config: DictConfig) -> dict[str, Any]:
         ValueError: A format is unknown or cannot hold these hands, or the file is no file of hands.
     """
     names = format_names(config.format)
+    if ONNX in names:
+        return _export_network(config, names)
     formats = [format_named(name) for name in names]
     configure_process(config.threads)
     hands = exported_hands(read_hands(config.source), export_hand(config))
@@ -48,6 +50,9 @@ def export(config: DictConfig) -> dict[str, Any]:
     logger.info("Wrote to %s: %s", folder, ", ".join([*shown, *more]))
     return {"hands": sum(1 for _ in hands), "files": [str(path) for path in files]}
 
+
+ONNX: Final = "onnx"
+"""Format that holds a network, and no hands."""
 
 _SHOWN: Final = 20
 """Files that are listed; sequences of meshes have a file for each frame."""
@@ -67,6 +72,19 @@ def format_names(given: str | Sequence[str]) -> list[str]:
     if not names:
         raise ValueError(f"No format was given; expected one or more of {', '.join(FORMATS)}.")
     return names
+
+
+def _export_network(config: DictConfig, names: Sequence[str]) -> dict[str, Any]:
+    """Write a network; see `hand_recon.runs.onnx_run`."""
+    if len(names) > 1:
+        raise ValueError(
+            f"Found format={','.join(names)}. {ONNX} holds a network, and the others hands: give it in a "
+            "command of its own."
+        )
+    # Only this format needs networks.
+    from hand_recon.runs.onnx_run import export_onnx
+
+    return {"files": [str(path) for path in export_onnx(config)]}
 
 
 def export_hand(config: DictConfig) -> HandModel:
