@@ -1,4 +1,4 @@
-"""Formats of other programs by their names: what the command `export` and the page offer.
+"""Formats of other programs by their names: what the command `export` and the page offer (decision 84).
 
     hands = exported_hands(read_hands("hands.json"), hand)
     write("glb", hands, folder)

@@ -1,4 +1,4 @@
-"""The 26 hand joints of OpenXR: positions, axes and radii (`XR_EXT_hand_tracking`).
+"""The 26 hand joints of OpenXR: positions, axes and radii (`XR_EXT_hand_tracking`; decision 84).
 
 A joint is named after the bone that begins there. Its −z axis runs along this bone towards the fingertip, its
 y axis leaves the back of the finger, on both hands; x completes a right-handed frame. Tips have the axes of
