@@ -16,6 +16,7 @@ from hand_recon.evaluation.scores import HandPoints
 from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
 from hand_recon.runs.configuration import refuse_untrusted, targets
+from hand_recon.runs.sigma_calibration import SIGMA_FACTOR_KEY
 from hand_recon.training.module import HandReconstruction
 
 CONFIG_KEY: Final = "hand_recon_config"
@@ -131,6 +132,8 @@ class Trained:
     """The configuration that it was trained with."""
     mean_pose: HandPoints | None
     """The mean training hand; none where the training data have no 3D."""
+    sigma_factor: float = 1.0
+    """Factor of the predicted σ that the validation hands gave."""
 
 
 def load_trained(
@@ -176,4 +179,5 @@ def load_trained(
         )
     module.load_state_dict(checkpoint["state_dict"], strict=True)
     points = checkpoint.get(MEAN_POSE_KEY)
-    return Trained(module.eval(), config, HandPoints(**points) if points else None)
+    mean = HandPoints(**points) if points else None
+    return Trained(module.eval(), config, mean, float(checkpoint.get(SIGMA_FACTOR_KEY, 1.0)))

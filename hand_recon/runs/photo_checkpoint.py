@@ -52,7 +52,9 @@ def with_network(config: DictConfig) -> tuple[DictConfig, PhotoNetwork | None]:
             "of them."
         )
     file = checkpoint_file(config.ckpt)
-    regressor, trained = _loaded(str(file), tuple(file_state(file)), _Wanted(build_hand(config)))
+    regressor, trained, factor = _loaded(
+        str(file), tuple(file_state(file)), _Wanted(build_hand(config))
+    )
     landmark_set = str(trained.hand.landmark_set)
     boxes_alone = gives_boxes_alone(config)
     same = landmark_set == str(config.hand.landmark_set)
@@ -70,6 +72,7 @@ def with_network(config: DictConfig) -> tuple[DictConfig, PhotoNetwork | None]:
         sees_landmarks=same and isinstance(regressor.encoder, PhotoEncoder),
         finds_landmarks=same or boxes_alone,
         sees_pose=config.seen_pose_weight > 0 and config.descent.steps > 0,
+        sigma_factor=factor if config.calibrated_sigma else 1.0,
     )
     return config, network
 
@@ -88,8 +91,10 @@ class _Wanted:
 
 
 @lru_cache(maxsize=2)
-def _loaded(file: str, state: tuple[Any, ...], wanted: _Wanted) -> tuple[Regressor, DictConfig]:
-    """A network with the configuration of its training, kept for the next Python call.
+def _loaded(
+    file: str, state: tuple[Any, ...], wanted: _Wanted
+) -> tuple[Regressor, DictConfig, float]:
+    """A network, the configuration of its training and its factor of σ, kept for the next Python call.
 
     Args:
         file: The checkpoint.
@@ -119,7 +124,7 @@ def _loaded(file: str, state: tuple[Any, ...], wanted: _Wanted) -> tuple[Regress
     regressor.use_intrinsics = True
     if isinstance(regressor.encoder, PhotoEncoder):
         regressor.encoder.gives_landmarks = True
-    return regressor, trained.config
+    return regressor, trained.config, trained.sigma_factor
 
 
 def checkpoint_file(name: str) -> Path:

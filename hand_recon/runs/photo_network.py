@@ -43,6 +43,8 @@ class PhotoNetwork:
     """True if its landmarks can be fitted, since they are of the landmark set of the fit."""
     sees_pose: bool = True
     """True if the fit wants the pose that it sees in pixels alone, also of hands with landmarks."""
+    sigma_factor: float = 1.0
+    """Factor of its σ, fitted on the validation hands of its training."""
 
     def find(
         self, pixels: Pixels, hands: Sequence[DetectedHand]
@@ -140,7 +142,10 @@ class PhotoNetwork:
                 f"The network of {self.name} gives numbers that are not finite: its training diverged. Use "
                 "another checkpoint."
             )
-        return _Seen(prediction, np.stack([matrix for _, matrix in cut]), self.crop.size)
+        calibrated = replace(
+            prediction, log_sigma=prediction.log_sigma + math.log(self.sigma_factor)
+        )
+        return _Seen(calibrated, np.stack([matrix for _, matrix in cut]), self.crop.size)
 
     def _second_frame(
         self, hand: DetectedHand, box: Float[np.ndarray, "4"]

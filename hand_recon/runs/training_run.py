@@ -20,6 +20,7 @@ from hand_recon.runs.configuration import (
 )
 from hand_recon.runs.results import Run, finish_run, mean_pose
 from hand_recon.runs.resuming import best_checkpoint, earlier_run
+from hand_recon.runs.sigma_calibration import SigmaInCheckpoint
 from hand_recon.runs.training_progress import is_interactive, progress_callback, quiet_libraries
 
 logger = logging.getLogger(__name__)
@@ -88,7 +89,12 @@ def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trai
         points |= {} if mean.vertices is None else {"vertices": mean.vertices}
     trainer: lightning.Trainer = instantiate(
         config.trainer,
-        callbacks=[*callbacks, ConfigInCheckpoint(plain(config), points), progress_callback()],
+        callbacks=[
+            *callbacks,
+            ConfigInCheckpoint(plain(config), points),
+            SigmaInCheckpoint(),
+            progress_callback(),
+        ],
         logger=loggers,
         enable_progress_bar=is_interactive(),
     )

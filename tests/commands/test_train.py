@@ -9,9 +9,14 @@ from pathlib import Path
 import pytest
 import torch
 
+from hand_recon.data.augment import to_float
 from hand_recon.rehearsal.freihand import FreiHandFolder, write_freihand_layout
+from hand_recon.runs.building import build_data
+from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.evaluation_run import evaluate
 from hand_recon.runs.training_run import train
+from hand_recon.training.module import reference_residual
+from hand_recon.uncertainty.sigma_factor import sigma_factor
 from tests.support.configurations import settings
 from tests.support.small_runs import LIGHTNING_WARNINGS, SMALL
 
@@ -40,6 +45,25 @@ def test_a_run_leaves_what_the_readme_promises(run: tuple[Path, dict[str, object
         assert (folder / name).stat().st_size > 0, name
     assert len(list((folder / "overlays").glob("*.png"))) == 3
     assert list((folder / "tensorboard").glob("events*"))
+
+
+def test_the_checkpoint_has_the_factor_of_sigma_of_its_own_validation_hands(
+    run: tuple[Path, dict[str, object]], cache: Path
+) -> None:
+    folder, _ = run
+    trained = load_trained(folder)
+    data = build_data(settings(cache, folder, *SMALL))
+    data.setup("validate")
+    residuals, sigmas = [], []
+    for loaded in data.val_dataloader():
+        batch = to_float(loaded)
+        with torch.no_grad():
+            found = trained.module(batch)
+        residuals.append(reference_residual(batch, found)[batch.labelled].flatten())
+        sigmas.append(found.log_sigma.exp()[batch.labelled].flatten())
+    expected = sigma_factor(torch.cat(residuals).double(), torch.cat(sigmas).double())
+    assert trained.sigma_factor == pytest.approx(expected, rel=1e-3)
+    assert expected != pytest.approx(1.0, rel=0.01)
 
 
 def test_evaluation_gives_the_numbers_of_the_training_run(

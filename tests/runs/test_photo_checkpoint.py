@@ -4,9 +4,11 @@ import json
 import logging
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from hand_recon.detection.detector import DetectedHand
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.fitters import build_objective
 from hand_recon.runs.photo_checkpoint import (
@@ -15,6 +17,7 @@ from hand_recon.runs.photo_checkpoint import (
     origin_name,
     with_network,
 )
+from hand_recon.runs.sigma_calibration import SIGMA_FACTOR_KEY
 from tests.support.mano_file import write_mano_folder
 from tests.support.photo_checkpoint import IMAGES, LIFTER, PHOTOS, asked, loaded, write_run
 from tests.support.tolerance import assert_close
@@ -121,3 +124,24 @@ def test_the_hand_of_the_fit_is_that_of_the_network(runs: Path, hand: HandModel)
     network = loaded(runs / "photos")
     assert network.regressor.hand.name == hand.name
     assert network.regressor.use_intrinsics
+
+
+def test_sigma_of_the_network_is_multiplied_by_the_factor_of_its_checkpoint(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", *PHOTOS)
+    file = run / "checkpoints" / "best.ckpt"
+    assert loaded(run).sigma_factor == 1.0
+    checkpoint = torch.load(file, weights_only=True)
+    torch.save(checkpoint | {SIGMA_FACTOR_KEY: 1.7}, tmp_path / "best.ckpt")
+    plain = loaded(run)
+    calibrated = loaded(tmp_path / "best.ckpt")
+    assert calibrated.sigma_factor == 1.7
+    assert loaded(tmp_path / "best.ckpt", "calibrated_sigma=false").sigma_factor == 1.0
+    pixels = np.random.default_rng(5).integers(0, 255, (200, 240, 3)).astype(np.uint8)
+    points = np.random.default_rng(6).uniform((20, 30), (110, 150), (21, 2))
+    hand = DetectedHand(points, "right", 0.9, 1.0)
+    camera = np.array([[500.0, 0.0, 120.0], [0.0, 500.0, 100.0], [0.0, 0.0, 1.0]])
+    before, after = (
+        network.place(pixels, [hand], frozenset(), camera)[1] for network in (plain, calibrated)
+    )
+    assert_close(after.log_sigma.exp().float(), 1.7 * before.log_sigma.exp().float())
+    assert_close(after.parameters.joint_angles, before.parameters.joint_angles)
