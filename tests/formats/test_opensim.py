@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hand_recon.detection.detector import Side
+from hand_recon.formats.bvh import STEADY
 from hand_recon.formats.clinical_angles import CLINICAL_ANGLES, clinical_degrees
 from hand_recon.formats.even_times import even_rows
 from hand_recon.formats.exported_hands import ExportedHand
@@ -50,6 +53,29 @@ def test_uneven_times_are_sampled_again_at_the_median_step() -> None:
     np.testing.assert_allclose(rows.times, np.linspace(0.0, 0.5, 6), atol=1e-12)
     np.testing.assert_allclose(rows.sample(3 * times), 3 * rows.times, atol=1e-12)
     assert not rows.in_gap.any()
+
+
+@given(
+    st.sets(st.integers(0, 30), min_size=2, max_size=20),
+    st.lists(st.floats(-0.3, 0.3), min_size=31, max_size=31),
+)
+def test_rows_are_even_from_the_first_frame_to_the_last(
+    frames: set[int], jitter: list[float]
+) -> None:
+    kept = np.array(sorted(frames))
+    whole = moving_hand(1, "right", Clip(frames=31))
+    times = (np.arange(31) + np.array(jitter) + 0.3) / 30
+    motion = without_frames(with_times(whole, times), *set(range(31)) - frames)
+    rows = even_rows(motion)
+    assert rows.times[0] == motion.times[0]
+    np.testing.assert_allclose(rows.times[-1], motion.times[-1], atol=1e-12)
+    np.testing.assert_allclose(np.diff(rows.times), rows.step, atol=1e-12)
+    assert ((rows.share >= -1e-12) & (rows.share <= 1 + 1e-12)).all()
+    # What moves evenly is sampled where it is, but for times that are taken as even.
+    found = rows.sample(motion.times)
+    assert np.abs(found - rows.times).max() <= 1.01 * STEADY * rows.step
+    # Rows are missing inside gaps alone.
+    assert not rows.in_gap.any() or np.diff(kept).max() > 1
 
 
 def test_a_single_frame_is_a_row() -> None:

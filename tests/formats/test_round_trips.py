@@ -173,11 +173,10 @@ def dex(paths: Sequence[Path], hands: ExportedHands) -> Iterator[Pair]:
 
 
 def rerun(paths: Sequence[Path], hands: ExportedHands) -> Iterator[Pair]:
-    from rerun.chunk import RrdReader
-
+    reader = pytest.importorskip("rerun.chunk", reason="needs a rerun-sdk that reads its files")
     for path, scene in zip(paths, hands.scenes, strict=True):
         found: dict[tuple[str, int], np.ndarray] = {}
-        for chunk in RrdReader(path).stream():
+        for chunk in reader.RrdReader(path).stream():
             column, entity = "Points3D:positions", str(chunk.entity_path)
             batch = chunk.to_record_batch()
             if column in batch.schema.names:
