@@ -9,11 +9,9 @@ import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 from omegaconf import DictConfig, OmegaConf
-
-from hand_recon.page.hand_service import HandService
 
 START: Final = 120.0
 """Time that a new process may take to load the networks, seconds."""
@@ -31,6 +29,7 @@ class WorkerEndedError(RuntimeError):
     """The process that worked on a file ended, such as for lack of memory."""
 
 
+@runtime_checkable
 class Worker(Protocol):
     """Calls methods of `HandService` by name."""
 
@@ -49,7 +48,7 @@ class Worker(Protocol):
         ...
 
 
-_service: HandService | Exception | None = None
+_service: Any = None
 """The service of this process, or the reason why there is none."""
 
 
@@ -57,6 +56,9 @@ def _load(content: Any) -> None:  # noqa: ANN401  # the configuration as plain v
     """Load the networks in a new process, which the command's Ctrl-C does not end."""
     global _service  # one service in each process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # In the new process alone: the server itself needs no torch.
+    from hand_recon.page.hand_service import HandService
+
     try:
         _service = HandService(OmegaConf.create(content))
     except Exception as error:  # noqa: BLE001  # raised by the first call, where the server can tell it
