@@ -74,7 +74,7 @@ VERBS: Final = {
         ),
         Verb(
             "demo", HANDS, "a local web page: photographs, the webcam, and knowledge step by step",
-            "hand_recon.page.server:demo", ("results",),
+            "hand_recon.page.start:demo", ("results",),
             ("detector.landmarks", "detector.boxes", "detector.models", "camera", "hand.path"),
         ),
         Verb(

@@ -1,10 +1,10 @@
-"""Starts the page's server: `hand-recon demo`."""
+"""The page's server: its settings, its address, and the process that works for it."""
 
 import asyncio
 import logging
 import webbrowser
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import uvicorn
 from omegaconf import DictConfig
@@ -115,16 +115,3 @@ def results_file(results: Path) -> Path:
         f"No file of hands at {results}; expected hands.json or hands.jsonl there. Give a folder that "
         "hand-recon predict or fit wrote, or leave it out."
     )
-
-
-def demo(config: DictConfig) -> dict[str, Any]:
-    """Serve the page; the function of the verb.
-
-    Args:
-        config: `conf/demo.yaml` composed.
-
-    Returns:
-        Nothing: the command has no numbers.
-    """
-    serve(config)
-    return {}

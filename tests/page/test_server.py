@@ -1,5 +1,6 @@
 """Settings of the page: on this machine alone by default, and the results that it opens with."""
 
+import importlib.util
 import logging
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from hand_recon.page.bounds import Bounds
 from hand_recon.page.server import page_settings, results_file
+from hand_recon.page.start import demo
 from tests.support.page_server import demo_config
 
 
@@ -54,3 +56,16 @@ def test_the_file_of_hands_of_a_folder_is_found(tmp_path: Path, name: str) -> No
 def test_a_folder_without_hands_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"No file of hands at .*expected hands\.json or"):
         results_file(tmp_path)
+
+
+def test_without_the_extra_the_command_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "uvicorn" else known(name)
+    )
+    with pytest.raises(
+        ModuleNotFoundError, match=r"needs uvicorn, which is not.*hand_recon\[demo\]"
+    ):
+        demo(demo_config())
