@@ -17,7 +17,7 @@ from hand_recon.rendering.mesh import shade
 from hand_recon.visualization.hand_marks import text_strip
 from hand_recon.visualization.overlay import draw_landmarks
 
-Image = UInt8[np.ndarray, "height width 3"]
+Image = UInt8[np.ndarray, "_ _ 3"]
 """RGB."""
 
 SIDE: Final = 420

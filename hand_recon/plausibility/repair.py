@@ -22,7 +22,6 @@ from hand_recon.fitting.second_order.penetration import PenetrationTerm
 from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, FINGERS
-from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.prior import Prior
 from hand_recon.knowledge.terms import NonPenetrationTerm, RangeOfMotionTerm
 from hand_recon.plausibility.findings import Knowledge
@@ -44,7 +43,7 @@ APART: Final = Steps(iterations=15, tolerance=1e-4, largest_angle=0.2)
 GREATEST_SHAPE: Final = 4.0
 """Greatest shape coefficient of a repaired hand, standard deviations."""
 
-SHARES: Final = 20
+SHARES: Final = 12
 """Steps from a pose to the open hand in which fingers are opened."""
 
 
@@ -84,7 +83,8 @@ class Repair:
             hand, weight=RANGE_WEIGHT, ranges=knowledge.ranges, anatomy=knowledge.anatomy
         )
         self._fitter = PointFitter(hand, Prior({"range_of_motion": ranges}))
-        self._surface = NonPenetration(hand, tolerance=knowledge.tolerance)
+        self._allowed = knowledge.tolerance - MARGIN
+        self._apart_term = NonPenetrationTerm(hand, tolerance=self._allowed - 2 * MARGIN)
 
     @torch.no_grad()
     def __call__(
@@ -117,7 +117,7 @@ class Repair:
     def depth(self, hands: HandParameters) -> Float[Tensor, " hand"]:
         """Greatest depth of a vertex inside another part of the hand, metres."""
         vertices = self._hand(hands.joint_angles, hands.shape).vertices
-        return self._surface.depths(vertices).amax(dim=1)
+        return self._apart_term.non_penetration.depths(vertices).amax(dim=1)
 
     def _settled(self, hands: HandParameters, target: Tensor) -> HandParameters:
         """Hands with their angles inside the ranges, rotated and moved as near to the target as they come."""
@@ -146,13 +146,12 @@ class Repair:
         self, problem: PointProblem, hands: HandParameters, target: Tensor
     ) -> HandParameters:
         """Move parts of hands out of each other."""
-        allowed = self._knowledge.tolerance - MARGIN
         for weight in STIFFNESS:
-            rows = (self.depth(hands) > allowed).nonzero()[:, 0]
+            rows = (self.depth(hands) > self._allowed).nonzero()[:, 0]
             if not len(rows):
                 return hands
-            term = NonPenetrationTerm(self._hand, weight=weight, tolerance=allowed - 2 * MARGIN)
-            whole = _Whole(problem[rows], PenetrationTerm(self._hand, term))
+            self._apart_term.weight = weight
+            whole = _Whole(problem[rows], PenetrationTerm(self._hand, self._apart_term))
             some = hands.select(rows)
             start = Unknowns(
                 some.joint_angles, some.root_rotation, torch.zeros(len(rows), 3), some.shape
@@ -162,13 +161,13 @@ class Repair:
                 some, joint_angles=found.joint_angles, root_rotation=found.root_rotation
             )
             hands = _put(hands, rows, self._settled(moved, target[rows]))
-        for row in (self.depth(hands) > allowed).nonzero()[:, 0].tolist():
+        for row in (self.depth(hands) > self._allowed).nonzero()[:, 0].tolist():
             index = torch.tensor([row])
-            opened = self._opened(hands.select(index), target[index], allowed)
+            opened = self._opened(hands.select(index), target[index])
             hands = _put(hands, index, opened)
         return hands
 
-    def _opened(self, hand: HandParameters, target: Tensor, allowed: float) -> HandParameters:
+    def _opened(self, hand: HandParameters, target: Tensor) -> HandParameters:
         """One hand with fingers opened until it no longer penetrates itself: the way that moves it least."""
         best, least = None, torch.inf
         for fingers in _groups():
@@ -179,7 +178,7 @@ class Repair:
                 angles, hand.shape.expand(SHARES, -1), hand.root_rotation.expand(SHARES, -1, -1),
                 hand.translation.expand(SHARES, -1),
             )  # fmt: skip
-            free = (self.depth(several) <= allowed).nonzero()[:, 0]
+            free = (self.depth(several) <= self._allowed).nonzero()[:, 0]
             if not len(free):
                 continue
             chosen = self._settled(several.select(free[:1]), target)

@@ -8,7 +8,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from hand_recon import __version__
 from hand_recon.fitting.hand_records import SHAPES, HandRecords
 from hand_recon.fitting.origin import Moment
 from hand_recon.plausibility.audit import Audit
@@ -110,11 +109,12 @@ def repaired(before: Audit, models: HandModels) -> RepairedHands:
     return RepairedHands(before, again, moved)
 
 
-def to_records(found: RepairedHands) -> HandRecords:
+def to_records(found: RepairedHands, version: str) -> HandRecords:
     """Repaired hands as a file of hands holds them; those without a pose are `not fitted`.
 
     Args:
         found: The hands.
+        version: Version of hand_recon.
     """
     hands = found.after.hands
     given, posed = hands.given, hands.posed.tolist()
@@ -136,7 +136,7 @@ def to_records(found: RepairedHands) -> HandRecords:
         loss={},
         sources=(SOURCE,) * len(given),
         hand_models=hands.models,
-        versions=(__version__,) * len(given),
+        versions=(version,) * len(given),
         moments=_moments(hands),
         **numbers,
     )

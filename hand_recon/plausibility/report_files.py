@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from hand_recon import __version__
 from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
 from hand_recon.plausibility.audit import Audit
@@ -45,7 +44,6 @@ def write_report(
         repair: Repaired hands, if there are any.
     """
     content: dict[str, Any] = {
-        "version": __version__,
         "settings": settings,
         "limits": asdict(audit.limits)
         | {"penetration_rate_depth": 1000 * audit.knowledge.tolerance},

@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
+from hand_recon import __version__
 from hand_recon.command_line.resolvers import MANO_HAND
 from hand_recon.fitting.hands_file import writing_hands
 from hand_recon.fitting.hands_tables import write_tables
@@ -108,7 +109,7 @@ def write_repaired(folder: Path, repair: RepairedHands) -> None:
         repair: The hands.
     """
     folder.mkdir()
-    records = to_records(repair)
+    records = to_records(repair, __version__)
     with writing_hands(folder / "hands.json") as write:
         write(records)
     write_tables(folder, records)
@@ -150,5 +151,5 @@ def _options(
     config: DictConfig, names: Sequence[str], repair: RepairedHands | None
 ) -> ReportOptions:
     keys = ("ranges", "anatomy", "order", "side", "sequence", "same_person", "fps", "landmark_set")
-    settings = {"files": list(names)} | {key: config[key] for key in keys}
+    settings = {"version": __version__, "files": list(names)} | {key: config[key] for key in keys}
     return ReportOptions(settings | {"hand": config.hand._target_}, config.worst, repair)

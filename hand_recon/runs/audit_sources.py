@@ -15,11 +15,16 @@ from hand_recon.plausibility.given_hands import GivenCamera, GivenHands, joined_
 from hand_recon.runs.audit_arrays import read_npy, read_npz
 from hand_recon.runs.audit_mano import ManoReader
 from hand_recon.runs.audit_metas import read_meta_hand
-from hand_recon.runs.audit_texts import holds_hands, read_json, read_table
+from hand_recon.runs.audit_texts import holds_hands, read_json, read_lines, read_table
 from hand_recon.schema import HandParameters
 
-SUFFIXES: Final = (".json", ".jsonl", ".npz", ".npy", ".csv", ".pkl", ".zip")
+SUFFIXES: Final = (".json", ".jsonl", ".npz", ".npy", ".csv", ".pkl", ".zip", ".txt")
 """Files that are read."""
+
+OUR_TABLES: Final = frozenset(
+    {"audit.json", "audit.csv", "hands.csv", "landmarks.csv", "images.csv", "metrics.json"}
+)
+"""Files that our commands write beside hands; they are left out in folders."""
 
 PICKLES: Final = (".pth", ".pt", ".joblib", ".pickle")
 """Files that would have to be unpickled, which may run code."""
@@ -65,7 +70,9 @@ def _files(names: Sequence[str | Path]) -> list[Path]:
             # A folder of results has its hands in one file, and tables of the same hands beside it.
             inside = [path / "hands.json", path / "hands.jsonl"]
             inside = [one for one in inside if one.is_file()] or sorted(
-                one for one in path.rglob("*") if one.suffix.lower() in SUFFIXES
+                one
+                for one in path.rglob("*")
+                if one.suffix.lower() in SUFFIXES and one.name not in OUR_TABLES
             )
             if not inside:
                 raise FileNotFoundError(
@@ -92,17 +99,13 @@ def _read(path: Path, mano: ManoReader | None) -> GivenHands:
         raise ValueError(
             f"{path} has the suffix {suffix or 'none'}; expected one of {', '.join(SUFFIXES)}."
         )
-    if suffix == ".pkl":
-        return read_meta_hand(path, mano)
-    if suffix == ".npz":
-        return read_npz(path, mano)
-    if suffix == ".npy":
-        return read_npy(path)
-    if suffix == ".csv":
-        return read_table(path)
     if suffix == ".jsonl" or (suffix == ".json" and holds_hands(path)):
         return of_records(read_hands(path), str(path))
-    return read_json(path, mano)
+    with_mano = {".pkl": read_meta_hand, ".npz": read_npz, ".json": read_json, ".zip": read_json}
+    if suffix in with_mano:
+        return with_mano[suffix](path, mano)
+    without = {".txt": read_lines, ".npy": read_npy, ".csv": read_table}
+    return without[suffix](path)
 
 
 def of_records(hands: HandRecords, file: str) -> GivenHands:

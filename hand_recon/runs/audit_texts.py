@@ -97,6 +97,20 @@ def _predictions(path: Path) -> GivenHands:
     return of_points(found.points.landmarks, str(path))
 
 
+def read_lines(path: Path) -> GivenHands:
+    """Landmarks of DexYCB's text, a line of an id and 63 numbers per hand.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ValueError: The file has other lines.
+    """
+    found = read_predictions(path, protocol_named("dexycb"))
+    names = [str(number) for number in found.ids.tolist()]
+    return of_points(found.points.landmarks, str(path), names=names)
+
+
 def _freihand_mano(path: Path, mano: ManoReader | None) -> GivenHands:
     if mano is None:
         raise ValueError(
