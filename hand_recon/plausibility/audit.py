@@ -26,13 +26,13 @@ class Audit:
     hands: PosedHands
     """The hands."""
     findings: Findings
-    """What was measured of each."""
+    """Measurements of each."""
     verdicts: tuple[Verdict, ...]
     """Verdict on each."""
     sequences: tuple[SequenceFindings, ...]
-    """What was measured of each sequence."""
+    """Measurements of each sequence."""
     knowledge: Knowledge
-    """What the hands were audited against."""
+    """Knowledge that the hands were audited against."""
     limits: Limits
     """Limits of plausibility."""
 

@@ -28,7 +28,7 @@ _AT_ONCE: Final = 256
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What hands are audited against."""
+    """Knowledge that hands are audited against."""
 
     ranges: RangeOfMotion
     """Table of ranges of motion, radians."""
@@ -40,7 +40,7 @@ class Knowledge:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was measured of every hand; NaN where it could not be."""
+    """Measurements of every hand; NaN where there is none."""
 
     angles: Angles
     """Joint angles, degrees."""

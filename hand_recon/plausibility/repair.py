@@ -137,7 +137,7 @@ class Repair:
     def _nearer(
         self, first: HandParameters, second: HandParameters, target: Tensor
     ) -> HandParameters:
-        """Of two hands each the one that is nearer to the target."""
+        """The nearer one of two hands to each target."""
         first = self._settled(first, target)
         better = self._distance(second, target) < self._distance(first, target)
         return _where(better, second, first)

@@ -13,7 +13,7 @@ from hand_recon.plausibility.posed_hands import PosedHands
 
 @dataclass(frozen=True)
 class SequenceFindings:
-    """What was measured of one hand over several frames; NaN where it could not be."""
+    """Measurements of one hand over several frames; NaN where there is none."""
 
     name: str
     """Name of the sequence."""

@@ -44,7 +44,7 @@ class Verdict:
     value: str
     """`plausible`, `implausible` or `not audited`."""
     reasons: tuple[str, ...] = ()
-    """What was found and what was expected, one sentence each; empty for plausible hands."""
+    """Sentences of what was found and what was expected; empty for plausible hands."""
 
 
 @dataclass(frozen=True)

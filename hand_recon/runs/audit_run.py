@@ -16,17 +16,17 @@ from hand_recon.fitting.hands_tables import write_tables
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.plausibility.audit import Audit, audited
-from hand_recon.plausibility.findings import Knowledge
-from hand_recon.plausibility.page import PageTable, shown
-from hand_recon.plausibility.posed_hands import HandModels
-from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
-from hand_recon.plausibility.report import (
+from hand_recon.plausibility.audit_report import (
     PRODUCTS,
     ReportOptions,
     repair_tables,
     terminal_tables,
     write_audit,
 )
+from hand_recon.plausibility.findings import Knowledge
+from hand_recon.plausibility.page import PageTable, shown
+from hand_recon.plausibility.posed_hands import HandModels
+from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
 from hand_recon.plausibility.verdicts import Limits
 from hand_recon.runs.audit_sources import Reading, read_given
 from hand_recon.runs.configuration import build_hand, configure_process, plain

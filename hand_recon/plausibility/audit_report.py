@@ -9,12 +9,12 @@ from typing import Any
 import cv2
 
 from hand_recon.plausibility.audit import Audit
+from hand_recon.plausibility.audit_files import write_report
 from hand_recon.plausibility.drawing import draw_hand
 from hand_recon.plausibility.natural_map import draw_map, natural_map
 from hand_recon.plausibility.page import Page, PageTable, PictureOfHand, write_page
 from hand_recon.plausibility.posed_hands import HandModels
 from hand_recon.plausibility.repaired_hands import RepairedHands
-from hand_recon.plausibility.report_files import write_report
 
 logger = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ PRODUCTS = ("audit.json", "audit.csv", "index.html", "worst", "map.png", "repair
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """What a report holds besides the audit."""
+    """Content of a report besides the audit."""
 
     settings: dict[str, Any]
     """Settings of the command."""

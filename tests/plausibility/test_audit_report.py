@@ -1,0 +1,84 @@
+"""Drawings, the map and the page of an audit."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import LANDMARKS
+from hand_recon.plausibility.audit_report import terminal_tables
+from hand_recon.plausibility.drawing import MARGIN, ORANGE, RED, SIDE, draw_hand
+from hand_recon.plausibility.given_hands import of_points
+from hand_recon.plausibility.natural_map import natural_map
+from hand_recon.plausibility.page import Page, PageTable, PictureOfHand, shown, write_page
+from hand_recon.plausibility.posed_hands import HandModels
+from tests.support.audited_hands import (
+    audit_of,
+    bent,
+    given_angles,
+    natural_angles,
+    points_of,
+    unnatural_angles,
+)
+
+
+def pixels_of(image: np.ndarray, colour: tuple[int, int, int]) -> int:
+    return int((image == np.array(colour)).all(axis=-1).sum())
+
+
+def test_joints_beyond_the_limit_are_red_and_lesser_violations_orange(hand: HandModel) -> None:
+    models = HandModels.of(hand)
+    angles = (bent(index_PIP_bend=-60), bent(index_PIP_bend=110), bent(index_PIP_bend=90))
+    found = [draw_hand(audit_of(given_angles(one), hand), models, 0) for one in angles]
+    assert found[0].shape == (SIDE, 2 * (SIDE + MARGIN), 3)
+    counts = [(pixels_of(image, RED) > 50, pixels_of(image, ORANGE) > 50) for image in found]
+    assert counts == [(True, False), (False, True), (False, False)]
+
+
+def test_hands_with_missing_points_and_without_a_mesh_are_drawn(hand: HandModel) -> None:
+    models = HandModels.of(hand)
+    points = points_of(hand, bent(ring_PIP_bend=-60))
+    points[0, LANDMARKS.index("thumb tip")] = np.nan
+    image = draw_hand(audit_of(of_points(points, "x", left=[False]), hand), models, 0)
+    assert pixels_of(image, RED) > 50
+
+
+def test_unnatural_poses_are_far_from_natural_ones_on_the_map(hand: HandModel) -> None:
+    angles = unnatural_angles("over_bent", 40)
+    found = natural_map(audit_of(given_angles(angles), hand))
+    assert found.implausible.all()
+    assert 0.0 < found.explained < 1.0
+    # The plane is orthonormal: distances on it are at most those between the poses.
+    other = natural_map(audit_of(given_angles(natural_angles(40, seed=9)), hand))
+    assert np.abs(other.natural.mean(axis=0)).max() < 1e-9
+    spread = [np.linalg.norm(one.audited, axis=1).mean() for one in (found, other)]
+    assert spread[0] != spread[1]
+
+
+def test_a_page_cannot_be_changed_by_names(tmp_path: Path) -> None:
+    picture = PictureOfHand("worst/a b.png", "<script>", "implausible", ["1 < 2"])
+    tables = (PageTable("T", ("a", "b"), [["x & y", 1.25]]), PageTable("empty", ("a",), []))
+    write_page(tmp_path / "index.html", Page("<b>", tables, ["note <i>"], None, [picture]))
+    page = (tmp_path / "index.html").read_text()
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    assert 'src="worst/a%20b.png"' in page
+    assert "x &amp; y" in page
+    assert ">empty<" not in page
+
+
+def test_cells_are_text_numbers_or_dashes() -> None:
+    assert [shown(value) for value in ("a", 3, 2.04, None, float("nan"))] == [
+        "a",
+        "3",
+        "2.0",
+        "–",
+        "–",
+    ]
+
+
+def test_the_terminals_table_names_every_violated_joint(hand: HandModel) -> None:
+    audit = audit_of(given_angles(bent(index_PIP_bend=-60, thumb_IP_bend=90)), hand)
+    _, joints, _ = terminal_tables(audit)
+    assert [row[0] for row in joints.rows] == ["index PIP bend", "thumb IP bend"]
+    assert joints.rows[0][1] == "-10 to 100"
