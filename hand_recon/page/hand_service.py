@@ -5,6 +5,7 @@ It runs in a process of its own (`hand_recon.page.worker`), since a file can tak
 
 import base64
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,8 +85,9 @@ class HandService:
                 found = self.hands_file(path)
             else:
                 found = self._photo(path) if kind == "photo" else self._landmarks(path)
-        # Said again by the page where no hand was found.
-        return found | {"notes": list(dict.fromkeys(notes))}
+        # Without the folder, which the browser does not know.
+        said = [note.replace(f"{path.parent}{os.sep}", "") for note in notes]
+        return found | {"notes": list(dict.fromkeys(said))}
 
     def _photo(self, path: Path) -> dict[str, Any]:
         photo = read_photo(path, self.bounds.pixels)

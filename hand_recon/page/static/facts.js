@@ -2,6 +2,7 @@
 
 const CAMERAS = {
   assumed: "The camera is assumed, with a focal length of 1.2 times the image’s longer side: shapes and angles can be used, distances are rough.",
+  landmarks: "The camera is assumed, with a focal length of 500 pixels for 224 pixels about the hand: shapes and angles can be used, distances are rough.",
   EXIF: "The focal length is the photograph’s own (EXIF): distances are as good as the hand’s true size, which one image does not show.",
   given: "The camera was given: distances are as good as the hand’s true size, which one image does not show.",
   "field of view": "The camera has the given field of view: distances are as good as that angle.",
@@ -34,7 +35,7 @@ function change(views, number) {
   const changes = views.map((view) => view.change_from_before).filter(Boolean);
   if (!number || !changes.length) return made("span", number ? "…" : "where it begins", "change");
   const mean = (key) => changes.reduce((sum, one) => sum + one[key], 0) / changes.length;
-  const text = made("span", `${mean("millimetres").toFixed(1)} mm · ${mean("degrees").toFixed(0)}°`, "change");
+  const text = made("span", `${mean("millimetres").toFixed(1)}\u00a0mm · ${mean("degrees").toFixed(0)}°`, "change");
   text.title = "Mean change from the row before: of the landmarks, with the wrists in one place, and of each joint’s angle";
   return text;
 }
@@ -50,7 +51,7 @@ export function rowSentence(row, views, number) {
   const changes = views.map((view) => view.change_from_first).filter(Boolean);
   if (!number || !changes.length) return row.sentence;
   const largest = changes.reduce((a, b) => a.largest_degrees > b.largest_degrees ? a : b);
-  return `${row.sentence} Against no knowledge, a landmark moved by up to ${Math.max(...changes.map((one) => one.largest_millimetres)).toFixed(0)} mm, `
+  return `${row.sentence} Against no knowledge, a landmark moved by up to ${Math.max(...changes.map((one) => one.largest_millimetres)).toFixed(0)}\u00a0mm, `
     + `and the ${largest.joint} by ${largest.largest_degrees.toFixed(0)}°.`;
 }
 
@@ -80,8 +81,9 @@ function inWords(view) {
   return `${fit}Beyond their limits: ${some.join(", ")}${more}.`;
 }
 
-export function cameraSentence(views) {
-  return CAMERAS[views.find((view) => view.entry.camera)?.entry.camera.source] ?? "";
+export function cameraSentence(views, hasImage) {
+  const source = views.find((view) => view.entry.camera)?.entry.camera.source;
+  return CAMERAS[source === "assumed" && !hasImage ? "landmarks" : source] ?? "";
 }
 
 export function fillDownloads(place, formats, id, row) {

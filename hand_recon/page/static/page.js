@@ -8,7 +8,7 @@ import { Player } from "./player.js";
 import { Webcam } from "./webcam.js";
 
 const at = (id) => document.getElementById(id);
-const state = { result: null, row: null, views: [], size: null, work: 0 };
+const state = { result: null, row: null, which: null, views: [], size: null, work: 0 };
 let about, scene;
 
 const player = new Player(
@@ -70,7 +70,11 @@ function open(result) {
   const isPlayed = Boolean(result.frames);
   at("player").hidden = !isPlayed;
   at("ladder").hidden = isPlayed || !Object.keys(result.rows ?? {}).length;
-  at("facts").hidden = at("photo-options").hidden = at("scene-options").hidden = at("legend").hidden = false;
+  const isEmpty = !isPlayed && !Object.keys(result.rows).length;
+  at("facts").hidden = at("photo-options").hidden = false;
+  at("scene-options").hidden = at("legend").hidden = isEmpty;
+  at("which-label").hidden = true;
+  state.which = null;
   at("notes").replaceChildren(...(result.notes ?? []).map((note) => made("li", note)));
   at("show-ghost").closest("label").hidden = isPlayed;
   showVideo(isPlayed && result.hasVideo);
@@ -81,9 +85,21 @@ function open(result) {
     const keys = Object.keys(result.rows);
     // The best hand comes first, the others while it is looked at.
     state.row = keys.at(-1) ?? null;
+    offerHands(result.image ? [] : result.rows[state.row] ?? []);
     showRow(true);
     if (keys.length) fitRows(result);
   }
+}
+
+// Hands of a file of landmarks need not be of one image, and are shown one at a time.
+function offerHands(views) {
+  state.which = views.length > 1 ? 0 : null;
+  at("which-label").hidden = state.which === null;
+  at("which").replaceChildren(...views.map((view, place) => new Option(`${place + 1} of ${views.length}: ${view.entry.name}`, place)));
+}
+
+function chosen(views = []) {
+  return state.which === null ? views : views.slice(state.which, state.which + 1);
 }
 
 async function fitRows(result) {
@@ -106,10 +122,11 @@ function showVideo(isShown) {
 
 function showRow(isNew) {
   const { result, row } = state;
-  const views = result.rows[row] ?? [];
+  const views = chosen(result.rows[row]);
   const number = about.rows.findIndex((one) => one.key === row);
   if (views.length) {
-    fillRows(at("rows"), about.rows, result.rows, row, choose);
+    const rows = Object.fromEntries(Object.entries(result.rows).map(([key, all]) => [key, chosen(all)]));
+    fillRows(at("rows"), about.rows, rows, row, choose);
     at("row-sentence").textContent = rowSentence(about.rows[number], views, number);
   }
   showViews(views, { isNew, animate: !isNew });
@@ -126,18 +143,18 @@ function showViews(views, { isNew = false, animate = true } = {}) {
   const { result } = state;
   state.views = views;
   const number = about.rows.findIndex((one) => one.key === state.row);
-  const before = at("show-ghost").checked && result?.rows?.[about.rows[number - 1]?.key] || [];
+  const before = at("show-ghost").checked ? chosen(result?.rows?.[about.rows[number - 1]?.key]) : [];
   const hasCovariance = views.some((view) => view.entry.covariance_3d);
   at("ellipsoids-label").hidden = !hasCovariance;
   scene.show(views, { ghosts: before, ellipsoids: hasCovariance && at("show-ellipsoids").checked, isNew, animate });
   overlay();
   fillHands(at("hands"), views);
-  at("camera").textContent = cameraSentence(views);
+  at("camera").textContent = cameraSentence(views, state.size !== null || Boolean(result?.frames));
   const isKept = Boolean(result) && views.some((view) => view.mesh);
   at("downloads-card").hidden = !isKept;
   if (isKept) {
     fillDownloads(at("downloads"), about.formats, result.id, state.row);
-    at("downloads-row").textContent = result.frames ? "All hands of this file." : `The hand of “${about.rows[number].title}”.`;
+    at("downloads-row").textContent = result.frames ? "All hands of this file." : `As fitted with “${about.rows[number].title}”.`;
   }
 }
 
@@ -160,7 +177,7 @@ async function startWebcam() {
   tell("");
   player.close();
   state.work++;
-  Object.assign(state, { result: null, views: [], row: about.rows.at(-1).key });
+  Object.assign(state, { result: null, views: [], which: null, row: about.rows.at(-1).key });
   showVideo(false);
   try {
     await webcam.start();
@@ -173,7 +190,7 @@ async function startWebcam() {
   at("ladder").hidden = at("facts").hidden = at("player").hidden = true;
   at("overlay").replaceChildren();
   at("video").hidden = at("keep").hidden = at("photo-options").hidden = at("scene-options").hidden = at("legend").hidden = false;
-  at("show-ghost").closest("label").hidden = true;
+  at("show-ghost").closest("label").hidden = at("which-label").hidden = true;
   at("stage").classList.add("is-mirrored");
   at("webcam").textContent = "Stop the webcam";
   at("webcam").classList.add("is-on");
@@ -217,6 +234,10 @@ function listen() {
   at("webcam").addEventListener("click", () => webcam.isOn ? webcam.stop() : startWebcam());
   at("keep").addEventListener("click", keepImage);
   for (const id of ["show-given", "show-fitted", "show-ellipses"]) at(id).addEventListener("change", overlay);
+  at("which").addEventListener("change", () => {
+    state.which = Number(at("which").value);
+    showRow(true);
+  });
   for (const id of ["show-ghost", "show-ellipsoids"]) at(id).addEventListener("change", () => showViews(state.views));
   at("reset-view").addEventListener("click", () => scene.fromCamera?.());
   const views = at("views");
