@@ -43,7 +43,7 @@ class RankedImage:
     value: float
     """Value of a label of it alone, millimetres."""
     gain: float
-    """What is left of the value beside the images before it, millimetres."""
+    """Rest of the value beside the images before it, millimetres."""
     reason: str
     """Sentence for the annotator."""
 

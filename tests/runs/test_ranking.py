@@ -145,7 +145,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_labels_of_the_images_listed_first_lower_the_error_faster(cache: Path) -> None:
-    """Frames of clips, eight repetitions with the same first labels; at random it takes more labels.
+    """Frames of clips, six repetitions with the same first labels; at random it takes more labels.
 
     Four standard errors of the paired change are less than the change itself.
     """
@@ -153,7 +153,7 @@ def test_labels_of_the_images_listed_first_lower_the_error_faster(cache: Path) -
     errors = np.stack(
         [
             curves(single.as_clips(60, 250, seed), held_out, seed, step=10, rounds=2)
-            for seed in range(8)
+            for seed in range(6)
         ]
     )
     ranked, random = errors.transpose(1, 0, 2)

@@ -127,12 +127,12 @@ def test_the_table_has_a_row_for_every_correction() -> None:
 def test_the_command_fits_prints_and_writes_a_new_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--hands", "8", "--cache", str(tmp_path), "--fit", "--write", str(tmp_path / "t.json")]
+    words = ["--hands", "4", "--cache", str(tmp_path), "--fit", "--write", str(tmp_path / "t.json")]
     main(words)
     printed = capsys.readouterr().out
-    assert printed.count("| synthetic (4) |") == 3
+    assert printed.count("| synthetic (2) |") == 3
     table = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
-    assert [one["hands"] for one in table["corrections"]["synthetic"]["measured_on"]] == [8, 8]
+    assert [one["hands"] for one in table["corrections"]["synthetic"]["measured_on"]] == [4, 4]
     CovarianceCorrection.of_groups(table["corrections"]["synthetic"]["groups"])
     with pytest.raises(FileExistsError, match=r"t\.json exists and is not overwritten"):
         main(words)
