@@ -9,7 +9,6 @@ from torch import Tensor
 
 from hand_recon.hand.skeleton import AXES, LANDMARK_PARENTS, LANDMARKS
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
-from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.ranges import RangeOfMotion
 from hand_recon.plausibility.posed_hands import HandModels, PosedHands
 
@@ -162,10 +161,9 @@ def _penetration(
         own = torch.tensor([one == name for one in hands.models]) & usable
         if hand is None or not bool(own.any()):
             continue
-        surface = NonPenetration(hand, tolerance=tolerance)
         for rows in own.nonzero()[:, 0].split(_AT_ONCE):
             some = hands.parameters.select(rows)
-            found = surface.depths(hand(some.joint_angles, some.shape).vertices)
+            found = models.depths(name, hand(some.joint_angles, some.shape).vertices)
             depth[rows] = 1000 * found.amax(dim=1)
             deep[rows] = (found > tolerance).sum(dim=1).to(depth)
     return depth, deep

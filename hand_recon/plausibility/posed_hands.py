@@ -1,6 +1,6 @@
 """Audited hands with a pose: given exactly, or fitted to 3D landmarks, all as right hands in metres."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import torch
@@ -9,6 +9,7 @@ from torch import Tensor
 
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.plausibility.given_hands import GivenHands
 from hand_recon.plausibility.point_fit import PointFit, PointFitter
 from hand_recon.schema import HandParameters
@@ -27,6 +28,8 @@ class HandModels:
     """Model that is fitted to points, in their landmark set."""
     open: HandModel
     """The open hand."""
+    _surfaces: dict[str, NonPenetration] = field(default_factory=dict)
+    """Surfaces by name of the model, each made when it is first needed."""
 
     @classmethod
     def of(cls, hand: HandModel) -> "HandModels":
@@ -36,6 +39,20 @@ class HandModels:
             hand: The configured hand.
         """
         return cls(hand, hand if hand.name == "open" else open_hand())
+
+    def depths(
+        self, name: str, vertices: Float[Tensor, "hand vertex 3"]
+    ) -> Float[Tensor, "hand vertex"]:
+        """Depth of each vertex inside another part of its hand, metres.
+
+        Args:
+            name: Name of a model that is there.
+            vertices: Its posed surfaces, metres.
+        """
+        if name not in self._surfaces:
+            hand = self.fitted if name == self.fitted.name else self.open
+            self._surfaces[name] = NonPenetration(hand)
+        return self._surfaces[name].depths(vertices)
 
     def named(self, name: str) -> HandModel | None:
         """The model of a name, `open` or `mano`; None for MANO without its files."""

@@ -19,6 +19,12 @@ from hand_recon.schema import HandParameters
 SOURCE: Final = "audit, repair"
 """Steps that made a repaired hand."""
 
+NOT_REPAIRED: Final = (
+    "The hand was not repaired: it has fewer than 12 landmarks, or it is MANO's. "
+    "Give hand=mano for these."
+)
+"""Reason of hands without a result."""
+
 NO_CAMERA: Final = GivenCamera(
     np.array([[500.0, 0.0, 112.0], [0.0, 500.0, 112.0], [0.0, 0.0, 1.0]]), "none", None, None
 )
@@ -125,10 +131,7 @@ def to_records(found: RepairedHands, version: str) -> HandRecords:
         images=tuple(camera.image for camera in cameras),
         sides=tuple("left" if left else "right" for left in hands.left.tolist()),
         verdicts=tuple("plausible" if one else "not fitted" for one in posed),
-        reasons=tuple(
-            () if one else ("The hand was not audited, and could not be repaired.",)
-            for one in posed
-        ),
+        reasons=tuple(() if one else (NOT_REPAIRED,) for one in posed),
         cameras=tuple(
             camera.source if one else None for camera, one in zip(cameras, posed, strict=True)
         ),

@@ -71,7 +71,20 @@ def read_npz(path: Path, mano: ManoReader | None) -> GivenHands:
     Raises:
         ValueError: It holds objects, or neither landmarks nor parameters that can be read.
     """
-    arrays = _arrays(path)
+    return of_arrays(path, _arrays(path), mano)
+
+
+def of_arrays(path: Path, arrays: Mapping[str, np.ndarray], mano: ManoReader | None) -> GivenHands:
+    """Hands of arrays with names: MANO's parameters with the user's MANO, else landmarks.
+
+    Args:
+        path: Their file.
+        arrays: The arrays by name.
+        mano: The user's MANO; None without.
+
+    Raises:
+        ValueError: There are neither landmarks nor parameters that can be read.
+    """
     pose, points = _first(arrays, POSES), _first(arrays, POINTS)
     if pose is not None and mano is not None:
         return _of_pose(path, pose, arrays, mano)

@@ -26,7 +26,12 @@ from hand_recon.plausibility.audit_report import (
 from hand_recon.plausibility.findings import Knowledge
 from hand_recon.plausibility.page import PageTable, shown
 from hand_recon.plausibility.posed_hands import HandModels
-from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
+from hand_recon.plausibility.repaired_hands import (
+    NOT_REPAIRED,
+    RepairedHands,
+    repaired,
+    to_records,
+)
 from hand_recon.plausibility.verdicts import Limits
 from hand_recon.runs.audit_sources import Reading, read_given
 from hand_recon.runs.configuration import build_hand, configure_process, plain
@@ -77,6 +82,9 @@ def audit(config: DictConfig) -> dict[str, Any]:
     summary: dict[str, Any] = found.summary()
     if repair is not None:
         summary["repair"] = repair.summary()
+        left_out = summary["hands"] - summary["repair"]["hands"]
+        if left_out:
+            logger.warning("%d of %d hands: %s", left_out, summary["hands"], NOT_REPAIRED)
         write_repaired(folder / "repaired", repair)
     logger.info("Open %s", folder / "index.html")
     if config.strict and summary["implausible"]:

@@ -17,6 +17,7 @@ from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
 from hand_recon.protocols.benchmarks import protocol_named
 from hand_recon.protocols.prediction_files import read_predictions
+from hand_recon.runs.audit_arrays import POSES, of_arrays
 from hand_recon.runs.audit_mano import ManoReader, mano_pose
 
 HEAD: Final = 1 << 14
@@ -70,6 +71,8 @@ def read_json(path: Path, mano: ManoReader | None) -> GivenHands:
         raise ValueError(
             f"{path} is not JSON ({error}); expected hands. Write the file again."
         ) from error
+    if isinstance(content, dict) and any(name in content for name in POSES):
+        return of_arrays(path, _named_arrays(path, content), mano)
     rows = content if isinstance(content, list) else [content]
     if not rows or not all(isinstance(row, dict) for row in rows):
         raise ValueError(
@@ -77,6 +80,17 @@ def read_json(path: Path, mano: ManoReader | None) -> GivenHands:
             f"with one of {', '.join(POINTS)}."
         )
     return _recorded(path, rows)
+
+
+def _named_arrays(path: Path, content: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Arrays of a JSON object, such as HaWoR's hands of a chunk of frames."""
+    try:
+        return {name: np.array(values, dtype=np.float64) for name, values in content.items()}
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{path} holds MANO's parameters and something else than arrays of numbers ({error}); expected "
+            "rotations of 15 joints for every frame."
+        ) from error
 
 
 def _lists(path: Path, head: str, mano: ManoReader | None) -> GivenHands:

@@ -131,6 +131,19 @@ def test_another_table_gives_other_findings(points: torch.Tensor, tmp_path: Path
     assert least[1] - least[0] == pytest.approx(10, abs=0.5)
 
 
+def test_manos_hands_without_mano_are_audited_and_not_repaired(
+    report: tuple[Path, dict[str, Any]], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = (report[0] / "repaired" / "hands.json").read_text()
+    (tmp_path / "hands.json").write_text(text.replace('"open"', '"mano"'))
+    found = audit(asked([str(tmp_path)], tmp_path / "out", "worst=0", "repair=true"))
+    assert found["audited"] == NATURAL + 1
+    assert found["penetration_rate_percent"] is None
+    assert found["repair"]["hands"] == 0
+    assert "Give hand=mano for these" in caplog.text
+    assert set(read_hands(tmp_path / "out" / "repaired" / "hands.json").verdicts) == {"not fitted"}
+
+
 def test_without_files_the_command_says_what_to_type(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"No file was given\. Type hand-recon audit"):
         audit(asked([], tmp_path))

@@ -10,13 +10,14 @@ from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, AXES, LANDMARKS
 from hand_recon.plausibility.findings import bone_lengths
 from hand_recon.plausibility.given_hands import joined_hands, of_points
-from hand_recon.plausibility.posed_hands import HandModels, posed_hands
+from hand_recon.plausibility.posed_hands import posed_hands
 from hand_recon.plausibility.verdicts import violations
 from tests.support.audited_hands import (
     MIRROR,
     audit_of,
     bent,
     given_angles,
+    models_of,
     natural_angles,
     points_of,
     row_of,
@@ -108,14 +109,14 @@ def test_points_of_hyper_bent_fingers_are_caught_without_their_angles(hand: Hand
 def test_left_and_right_hands_among_points_are_told_apart(hand: HandModel) -> None:
     points = points_of(hand, natural_angles(40))
     points[::2] *= MIRROR
-    found = posed_hands(of_points(points, "points"), HandModels.of(hand))
+    found = posed_hands(of_points(points, "points"), models_of(hand))
     assert found.left.tolist() == [True, False] * 20
     assert torch.equal(found.points[::2], points[::2] * MIRROR)
 
 
 def test_a_given_side_is_believed(hand: HandModel) -> None:
     points = points_of(hand, natural_angles(2))
-    models = HandModels.of(hand)
+    models = models_of(hand)
     assert posed_hands(of_points(points, "a", left=[True, True]), models).left.all()
     assert posed_hands(of_points(points, "a"), models, side="left").left.all()
     with pytest.raises(ValueError, match="side=both is unknown; expected auto, left or right"):

@@ -11,11 +11,11 @@ from hand_recon.plausibility.drawing import MARGIN, ORANGE, RED, SIDE, draw_hand
 from hand_recon.plausibility.given_hands import of_points
 from hand_recon.plausibility.natural_map import natural_map
 from hand_recon.plausibility.page import Page, PageTable, PictureOfHand, shown, write_page
-from hand_recon.plausibility.posed_hands import HandModels
 from tests.support.audited_hands import (
     audit_of,
     bent,
     given_angles,
+    models_of,
     natural_angles,
     points_of,
     unnatural_angles,
@@ -27,7 +27,7 @@ def pixels_of(image: np.ndarray, colour: tuple[int, int, int]) -> int:
 
 
 def test_joints_beyond_the_limit_are_red_and_lesser_violations_orange(hand: HandModel) -> None:
-    models = HandModels.of(hand)
+    models = models_of(hand)
     angles = (bent(index_PIP_bend=-60), bent(index_PIP_bend=110), bent(index_PIP_bend=90))
     found = [draw_hand(audit_of(given_angles(one), hand), models, 0) for one in angles]
     assert found[0].shape == (SIDE, 2 * (SIDE + MARGIN), 3)
@@ -36,7 +36,7 @@ def test_joints_beyond_the_limit_are_red_and_lesser_violations_orange(hand: Hand
 
 
 def test_hands_with_missing_points_and_without_a_mesh_are_drawn(hand: HandModel) -> None:
-    models = HandModels.of(hand)
+    models = models_of(hand)
     points = points_of(hand, bent(ring_PIP_bend=-60))
     points[0, LANDMARKS.index("thumb tip")] = np.nan
     image = draw_hand(audit_of(of_points(points, "x", left=[False]), hand), models, 0)

@@ -11,13 +11,13 @@ from hand_recon.fitting.hands_file import hand_entries
 from hand_recon.fitting.hands_file import to_records as checked
 from hand_recon.hand.model import HandModel
 from hand_recon.plausibility.given_hands import of_points
-from hand_recon.plausibility.posed_hands import HandModels
 from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
 from tests.support.audited_hands import (
     MIRROR,
     audit_of,
     bent,
     given_angles,
+    models_of,
     natural_angles,
     points_of,
     unnatural_angles,
@@ -25,7 +25,7 @@ from tests.support.audited_hands import (
 
 
 def repair_of(given: object, hand: HandModel) -> RepairedHands:
-    return repaired(audit_of(given, hand), HandModels.of(hand))  # type: ignore[arg-type]
+    return repaired(audit_of(given, hand), models_of(hand))  # type: ignore[arg-type]
 
 
 def assert_none_left(found: RepairedHands) -> None:

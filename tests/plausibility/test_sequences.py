@@ -8,9 +8,9 @@ import torch
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARKS
 from hand_recon.plausibility.given_hands import of_points
-from hand_recon.plausibility.posed_hands import HandModels, posed_hands
+from hand_recon.plausibility.posed_hands import posed_hands
 from hand_recon.plausibility.sequences import SequenceFindings, sequence_findings
-from tests.support.audited_hands import bent, points_of
+from tests.support.audited_hands import bent, models_of, points_of
 
 FRAMES = 8
 
@@ -22,7 +22,7 @@ def measured(
     given = of_points(points, "clip", left=[False] * count)
     times = torch.arange(count) / 10 if times is None else times
     given = replace(given, sequences=("clip",) * count, times=times)
-    (found,) = sequence_findings(posed_hands(given, HandModels.of(hand)))
+    (found,) = sequence_findings(posed_hands(given, models_of(hand)))
     return found
 
 
@@ -66,4 +66,4 @@ def test_one_persons_hands_have_no_times_and_no_jitter(hand: HandModel) -> None:
 
 def test_single_hands_are_no_sequence(hand: HandModel) -> None:
     given = of_points(points_of(hand, bent()), "one", left=[False])
-    assert sequence_findings(posed_hands(given, HandModels.of(hand))) == []
+    assert sequence_findings(posed_hands(given, models_of(hand))) == []

@@ -297,6 +297,30 @@ def test_manos_rotations_in_the_forms_of_other_systems(
     assert found.parameters.shape.shape == (COUNT, 10)
 
 
+def test_hawors_chunks_of_frames_are_sequences(mano: Path, tmp_path: Path) -> None:
+    hand, angles = mano_hand(mano), natural_angles(COUNT)
+    rotations = joint_rotations(angles, hand.frames, hand.rest_angles)
+    chunk = {
+        "init_root_orient": torch.eye(3).expand(1, COUNT, 3, 3).tolist(),
+        "init_hand_pose": rotations[None].tolist(),
+        "init_trans": torch.zeros(1, COUNT, 3).tolist(),
+        "init_betas": torch.zeros(1, COUNT, 10).tolist(),
+    }
+    (tmp_path / "0_6.json").write_text(json.dumps(chunk))
+    found = read_given([tmp_path], hand, mano, Reading())
+    assert float((found.parameters.joint_angles - angles).abs().max()) < 1e-3
+    assert len(set(found.sequences)) == 1
+    assert found.times.tolist() == pytest.approx([frame / 30 for frame in range(COUNT)])
+
+
+def test_coefficients_of_pose_components_are_refused(mano: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", hand_pose=np.zeros((4, 12)), betas=np.zeros((4, 10)))
+    with pytest.raises(
+        ValueError, match="A pose of 4 rotations was found; expected MANO's 15 joints"
+    ):
+        read_given([tmp_path], mano_hand(mano), mano, Reading())
+
+
 def test_freihands_mano_labels_have_the_mean_pose_added(mano: Path, tmp_path: Path) -> None:
     hand, layer = mano_hand(mano), ManoLayer.load(mano)
     angles = natural_angles(2)

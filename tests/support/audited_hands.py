@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import torch
@@ -72,11 +73,17 @@ def given_angles(angles: Tensor, seed: int = 0) -> GivenHands:
     return replace(given, parameters=parameters_of(angles, seed), hand_models=("open",) * count)
 
 
+@cache
+def models_of(hand: HandModel) -> HandModels:
+    """The open hand's models, with its surface prepared once."""
+    return HandModels.of(hand)
+
+
 def audit_of(
     given: GivenHands, hand: HandModel, ranges: str = "literature", **limits: float
 ) -> Audit:
     """An audit with the open hand."""
-    models = HandModels.of(hand)
+    models = models_of(hand)
     knowledge = Knowledge(load_ranges(ranges, hand.rest_angles))
     return audited(given, models, knowledge, Limits(**limits))  # type: ignore[arg-type]
 
