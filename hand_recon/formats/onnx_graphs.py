@@ -116,11 +116,14 @@ class CropGraph(NetworkGraph):
     Args:
         regressor: Network with an encoder of images, in evaluation mode.
         size: Side of its crops, pixels.
+        sigma_factor: Factor of its σ, fitted on the validation hands of its training.
     """
 
-    def __init__(self, regressor: Regressor, size: int) -> None:
+    def __init__(self, regressor: Regressor, size: int, sigma_factor: float = 1.0) -> None:
         super().__init__(regressor)
         regressor.use_intrinsics = True
+        # Its σ are in pixels of a crop of the reference size.
+        self.sigma_unit = sigma_factor * size / REFERENCE_SIZE
         self.size, self.kind, self.inputs = size, "image", ("image", "intrinsics")
         if isinstance(regressor.encoder, PhotoEncoder):
             regressor.encoder.gives_landmarks = True
@@ -154,7 +157,7 @@ class CropGraph(NetworkGraph):
             given = torch.zeros_like(observed_2d[..., 0], dtype=torch.bool)
         batch = _batch(pixels, observed_2d, given, _known(confidence), intrinsics)
         seen: HandPrediction = self.regressor(batch)
-        results = self._results(seen, self.size / REFERENCE_SIZE)
+        results = self._results(seen, self.sigma_unit)
         return results if seen.located_2d is None else (*results, seen.located_2d)
 
 

@@ -103,7 +103,7 @@ def _of_checkpoint(file: Path) -> tuple[NetworkGraph, dict[str, str]]:
         "crop_around": policy.around,
         "crop_expansion": f"{policy.expansion:g}",
     }
-    return CropGraph(regressor, policy.size), crop
+    return CropGraph(regressor, policy.size, trained.sigma_factor), crop
 
 
 def _source(config: DictConfig) -> str:

@@ -8,12 +8,13 @@ import pytest
 import torch
 
 from hand_recon.fitting.lift import lift
-from hand_recon.fitting.observation import Observation, sigma_of_confidence
+from hand_recon.fitting.observation import Observation
 from hand_recon.formats import onnx_file
 from hand_recon.formats.onnx_graphs import LifterGraph
 from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS
-from hand_recon.regressor.lifter_file import LifterSettings, fingerprint
+from hand_recon.regressor.lifter_file import fingerprint
 from tests.support.onnx_sessions import (
+    SMALL,
     LifterFile,
     example_of,
     outputs_of,
@@ -32,18 +33,9 @@ def inputs_of(lifter: LifterFile, hands: int) -> dict[str, torch.Tensor]:
 @pytest.mark.parametrize("hands", [1, 2, 7, 64])
 def test_gives_the_hands_that_a_lifter_gives_in_a_fit(lifter_file: LifterFile, hands: int) -> None:
     inputs = inputs_of(lifter_file, hands)
-    # A fit takes σ, of which it makes confidences between those of 1 and 25 px.
-    confidence = inputs["confidence"].clamp(1 / 26, 25 / 26)
-    confidence[inputs["confidence"] < 0] = math.nan
-    observation = Observation(
-        inputs["observed_2d"],
-        inputs["given"],
-        inputs["intrinsics"],
-        sigma_of_confidence(confidence),
-    )
-    expected = lift(lifter_file.regressor, observation)
-    inputs["confidence"] = confidence.nan_to_num(-1.0)
     found = outputs_of(session_of(lifter_file.content), inputs)
+    observation = Observation(inputs["observed_2d"], inputs["given"], inputs["intrinsics"])
+    expected = lift(lifter_file.regressor, observation)
     parameters = expected.parameters
     for name, tensor, unit in (
         ("landmarks_3d", expected.landmarks_3d, 1.0),
@@ -106,7 +98,6 @@ def test_every_axis_of_hands_is_named_batch(lifter_file: LifterFile) -> None:
         "observed_2d": ["batch", 21, 2],
         "given": ["batch", 21],
         "intrinsics": ["batch", 3, 3],
-        "confidence": ["batch", 21],
         "landmarks_3d": ["batch", 21, 3],
         "vertices": ["batch", 778, 3],
         "joint_angles": ["batch", 15, 3],
@@ -139,7 +130,7 @@ def test_the_file_describes_itself(lifter_file: LifterFile) -> None:
 
 
 def test_another_networks_file_is_noticed(lifter_file: LifterFile) -> None:
-    other = LifterSettings(width=16, depth=1, iterations=1).build(lifter_file.regressor.hand)
+    other = SMALL.build(lifter_file.regressor.hand)
     with pytest.raises(
         ValueError, match=r"differs from PyTorch's by .* expected at most 0\.0001 m"
     ):
@@ -147,7 +138,7 @@ def test_another_networks_file_is_noticed(lifter_file: LifterFile) -> None:
 
 
 def test_numbers_that_are_not_finite_are_a_difference(lifter_file: LifterFile) -> None:
-    broken = LifterSettings(width=16, depth=1, iterations=1).build(lifter_file.regressor.hand)
+    broken = SMALL.build(lifter_file.regressor.hand)
     broken.initial_state.fill_(math.nan)
     graph = LifterGraph(broken.eval())
     assert onnx_file.largest_difference(graph, lifter_file.content) == math.inf
