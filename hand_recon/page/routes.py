@@ -194,6 +194,7 @@ class _Routes:
 
         Raises:
             TooLargeError: It is larger.
+            TookTooLongError: It does not come in time.
         """
         most = self.settings.bounds.file_bytes
         refusal = TooLargeError(
@@ -203,10 +204,17 @@ class _Routes:
         if int(request.headers.get("content-length") or 0) > most:
             raise refusal
         content = bytearray()
-        async for part in request.stream():
-            content += part
-            if len(content) > most:
-                raise refusal
+        try:
+            async with asyncio.timeout(self.settings.bounds.seconds):
+                async for part in request.stream():
+                    content += part
+                    if len(content) > most:
+                        raise refusal
+        except TimeoutError as error:
+            raise TookTooLongError(
+                f"After {self.settings.bounds.seconds:g} seconds, {len(content)} bytes of the file had come; "
+                "expected all of it. Send it again."
+            ) from error
         return bytes(content)
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 import webbrowser
 from pathlib import Path
 from typing import Final
@@ -37,11 +38,11 @@ def serve(config: DictConfig) -> None:
     bounds = settings.bounds
     worker = WorkerProcess(config, seconds=bounds.seconds, waiting=bounds.waiting)
     app = page_app(worker, settings)
+    # Before the networks are loaded, which takes seconds.
+    listener = listening(str(config.host), int(config.port))
     server = uvicorn.Server(
         uvicorn.Config(
             app,
-            host=str(config.host),
-            port=int(config.port),
             log_level="warning",
             ws="websockets-sansio",
             ws_max_size=2 * bounds.frame_bytes,
@@ -49,10 +50,33 @@ def serve(config: DictConfig) -> None:
             timeout_graceful_shutdown=1,
         )
     )
-    asyncio.run(_run(server, worker, config))
+    with listener:
+        asyncio.run(_run(server, listener, worker, config))
 
 
-async def _run(server: uvicorn.Server, worker: WorkerProcess, config: DictConfig) -> None:
+def listening(host: str, port: int) -> socket.socket:
+    """Socket of the server's address.
+
+    Args:
+        host: Name or number of the host.
+        port: The port.
+
+    Raises:
+        ValueError: The address cannot be had.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise ValueError(
+            f"The address {host}, port {port} cannot be used ({error.strerror or error}); expected a free "
+            f"one of this machine. End the other page, or add port={min(port + 1, 65535)}."
+        ) from error
+
+
+async def _run(
+    server: uvicorn.Server, listener: socket.socket, worker: WorkerProcess, config: DictConfig
+) -> None:
     """Load the networks, tell the address, and serve."""
     try:
         logger.info("Loading the networks…")
@@ -62,7 +86,7 @@ async def _run(server: uvicorn.Server, worker: WorkerProcess, config: DictConfig
         logger.info("Open %s in a browser; Ctrl-C ends it.", address)
         if config.open:
             webbrowser.open(address)
-        await server.serve()
+        await server.serve(sockets=[listener])
     finally:
         await worker.close()
 

@@ -45,14 +45,14 @@ def webcam(worker: Worker, bounds: Bounds) -> Callable[[WebSocket], Awaitable[No
 
 
 async def _answer(socket: WebSocket, worker: Worker, bounds: Bounds) -> None:
-    """Answer image by image until the page leaves.
-
-    Raises:
-        WebSocketDisconnect: The page left.
-    """
+    """Answer image by image until the page leaves."""
     is_first = True
     while True:
-        content = await socket.receive_bytes()
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        # A text is no image, and no bytes are refused as such.
+        content: bytes = message.get("bytes") or b""
         if len(content) > bounds.frame_bytes:
             await socket.send_json(
                 {

@@ -57,8 +57,10 @@ def _load(content: Any) -> None:  # noqa: ANN401  # the configuration as plain v
     global _service  # one service in each process
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # In the new process alone: the server itself needs no torch.
+    from hand_recon.data.processes import end_with_parent
     from hand_recon.page.hand_service import HandService
 
+    end_with_parent()
     try:
         _service = HandService(OmegaConf.create(content))
     except Exception as error:  # noqa: BLE001  # raised by the first call, where the server can tell it

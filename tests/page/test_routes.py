@@ -1,11 +1,12 @@
 """The page's routes: hands of uploads, bounds, refusals in sentences, and a server that goes on."""
 
+import asyncio
 import base64
 import io
 import json
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -200,6 +201,34 @@ def test_an_upload_without_a_length_is_read_no_further_than_its_bound(
     answer = client.post("/api/file", content=parts())
     assert answer.status_code == 413
     assert "file" not in worker.calls
+
+
+def test_an_upload_that_does_not_come_in_time_is_ended(
+    settings: PageSettings, worker: DirectWorker
+) -> None:
+    bounds = replace(settings.bounds, seconds=0.2)
+    app = page_app(worker, replace(settings, bounds=bounds))
+    sent: list[dict[str, Any]] = []
+    parts = iter([{"type": "http.request", "body": b"12345", "more_body": True}])
+
+    async def receive() -> dict[str, Any]:
+        """Five bytes, and then nothing."""
+        for part in parts:
+            return part
+        await asyncio.sleep(60)
+        raise AssertionError
+
+    async def send(message: MutableMapping[str, Any]) -> None:
+        sent.append(dict(message))
+
+    scope = {
+        "type": "http", "method": "POST", "path": "/api/file", "query_string": b"name=a.jpg",
+        "headers": [(b"host", b"127.0.0.1")], "http_version": "1.1", "scheme": "http",
+        "root_path": "", "client": ("127.0.0.1", 1), "server": ("127.0.0.1", 8765),
+    }  # fmt: skip
+    asyncio.run(app(scope, receive, send))
+    assert sent[0]["status"] == 504
+    assert "After 0.2 seconds, 5 bytes of the file had come" in sent[1]["body"].decode()
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,13 @@
 
 import importlib.util
 import logging
+import socket
 from pathlib import Path
 
 import pytest
 
 from hand_recon.page.bounds import Bounds
-from hand_recon.page.server import page_settings, results_file
+from hand_recon.page.server import listening, page_settings, results_file
 from hand_recon.page.start import demo
 from tests.support.page_server import demo_config
 
@@ -69,3 +70,14 @@ def test_without_the_extra_the_command_says_what_to_install(
         ModuleNotFoundError, match=r"needs uvicorn, which is not.*hand_recon\[demo\]"
     ):
         demo(demo_config())
+
+
+def test_a_port_that_is_taken_is_refused_before_anything_is_loaded() -> None:
+    with listening("127.0.0.1", 0) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(
+            ValueError, match=rf"port {port} cannot be used .*add port={port + 1}\."
+        ):
+            demo(demo_config(f"port={port}"))
+    with listening("127.0.0.1", port) as again, socket.create_connection(again.getsockname()):
+        pass

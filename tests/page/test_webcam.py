@@ -95,7 +95,7 @@ class Scripted:
         self.firsts: list[bool] = []
 
     def live(self, content: bytes, *, is_first: bool) -> dict[str, Any]:
-        if content == b"bad":
+        if content in (b"", b"bad"):
             raise ValueError("This is no image.")
         self.firsts.append(is_first)
         if content == b"slow":
@@ -136,6 +136,9 @@ def test_every_image_has_one_answer_and_a_bad_one_ends_nothing(
         ):
             socket.send_bytes(content)
             assert socket.receive_json() == answer
+        # A text is no image.
+        socket.send_text("image")
+        assert socket.receive_json() == {"error": "This is no image."}
     # After an image that took too long, a new process begins anew.
     assert scripted.firsts == [True, False, False, True, False]
 

@@ -1,14 +1,12 @@
 """Fits one hand of a clip in every frame, with one shape, keeping several minima (Sec. 3.4)."""
 
 import logging
-import os
-import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -20,6 +18,7 @@ from torch import Tensor
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.data.landmarks.crops import to_crops
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
+from hand_recon.data.processes import end_with_parent
 from hand_recon.data.progress import with_progress
 from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.fitting.descent import Descent, fit_minima
@@ -96,23 +95,7 @@ def _pool(processes: int) -> AbstractContextManager[ProcessPoolExecutor | None]:
         return nullcontext()
     # A fork of a process whose torch has run threads may hang.
     context = get_context("spawn")
-    return ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent)
-
-
-def _end_with_parent() -> None:
-    """End this process with the one that started it, which a kill may end.
-
-    Otherwise it would stay for ever, and write into the folder of the command that goes on.
-    """
-    parent = parent_process()
-    if parent is None:
-        return
-
-    def end() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=end, daemon=True).start()
+    return ProcessPoolExecutor(processes, mp_context=context, initializer=end_with_parent)
 
 
 def _shapes(config: DictConfig, hands: Sequence[HandOfClip], folder: Path) -> list[Tensor]:
