@@ -19,14 +19,22 @@ SHOWN: Final = 2000
 """Most audited poses on the map, evenly spaced among all."""
 
 
+NOISE: Final = 3.0
+"""Standard deviation that every angle has in the distance, degrees; hinges of natural poses have no splay."""
+
+
 @dataclass(frozen=True)
 class NaturalMap:
-    """Two coordinates of natural and of audited poses."""
+    """Two coordinates of natural and of audited poses, and their distances from the mean natural pose."""
 
     natural: Float[np.ndarray, "natural 2"]
     """Coordinates of natural poses, radians along the first two components."""
     audited: Float[np.ndarray, "hand 2"]
     """Coordinates of audited poses; NaN for hands without a pose."""
+    natural_distance: Float[np.ndarray, " natural"]
+    """Distance of natural poses from their mean, standard deviations of all angles together."""
+    audited_distance: Float[np.ndarray, " hand"]
+    """The same of audited poses; NaN for hands without a pose."""
     implausible: Bool[np.ndarray, " hand"]
     """Mask of the implausible hands."""
     explained: float
@@ -52,10 +60,21 @@ def natural_map(audit: Audit) -> NaturalMap:
     scatter = sum((one.T @ one / max(1, len(one)) for one in centred), np.zeros((30, 30)))
     values, vectors = np.linalg.eigh(scatter)
     plane = vectors[:, ::-1][:, :2]
-    shown = (audited - mean) @ plane
-    implausible = audit.implausible().numpy()
     share = float(values[-2:].sum() / values.sum())
-    return NaturalMap(centred[0] @ plane, shown, implausible, share)
+    # One finger's error is a small part of a pose, and hardly moves it on the plane.
+    covariance = np.cov(natural.T) + np.radians(NOISE) ** 2 * np.eye(natural.shape[1])
+    root = np.linalg.cholesky(np.linalg.inv(covariance))
+    distances = (np.linalg.norm((one - mean) @ root, axis=1) for one in (natural, audited))
+    scale = natural.shape[1] ** 0.5
+    inside, outside = (one / scale for one in distances)
+    return NaturalMap(
+        centred[0] @ plane,
+        (audited - mean) @ plane,
+        inside,
+        outside,
+        audit.implausible().numpy(),
+        share,
+    )
 
 
 def draw_map(found: NaturalMap, path: Path) -> None:
@@ -68,36 +87,30 @@ def draw_map(found: NaturalMap, path: Path) -> None:
     # Half a second, which commands that draw no map should not wait for.
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7, 5.5), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(12, 5.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
     natural, audited = np.degrees(found.natural), np.degrees(found.audited)
-    axes.scatter(
-        natural[:, 0],
-        natural[:, 1],
-        s=8,
-        c="#9aa7b5",
-        linewidths=0,
-        label=f"natural poses ({NATURAL})",
-    )
+    grey = {"s": 8, "c": "#9aa7b5", "linewidths": 0}
+    left.scatter(natural[:, 0], natural[:, 1], label=f"natural poses ({NATURAL})", **grey)
+    right.scatter(natural[:, 0], found.natural_distance, **grey)
     step = max(1, len(audited) // SHOWN)
     for mask, colour, name in (
         (~found.implausible, "#2c7bb6", "audited, plausible"),
         (found.implausible, "#d7191c", "audited, implausible"),
     ):
-        some = audited[mask][::step]
-        axes.scatter(
-            some[:, 0],
-            some[:, 1],
-            s=16,
-            c=colour,
-            linewidths=0,
-            label=f"{name} ({int(mask.sum())})",
-        )
-    axes.set(
-        xlabel="first component, degrees",
+        style = {"s": 16, "c": colour, "linewidths": 0}
+        some, far = audited[mask][::step], found.audited_distance[mask][::step]
+        left.scatter(some[:, 0], some[:, 1], label=f"{name} ({int(mask.sum())})", **style)
+        right.scatter(some[:, 0], far, **style)
+    left.set(
         ylabel="second component, degrees",
         title=f"Bends and splays; {100 * found.explained:.0f} % of the variance",
     )
-    axes.legend(fontsize=9)
-    axes.set_aspect("equal", adjustable="datalim")
+    left.set_aspect("equal", adjustable="datalim")
+    left.legend(fontsize=9)
+    right.set(
+        ylabel="standard deviations", title="Distance from the mean natural pose", yscale="log"
+    )
+    for axes in (left, right):
+        axes.set(xlabel="first component, degrees")
     figure.savefig(path, dpi=110)
