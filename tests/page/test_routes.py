@@ -40,7 +40,7 @@ def folder(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def service(folder: Path) -> HandService:
-    """The page's work, with fits of 20 steps or fewer."""
+    """The page's work with small bounds."""
     return service_of(folder, "bounds.megapixels=0.5", "bounds.hands=2")
 
 
