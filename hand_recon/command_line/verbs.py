@@ -93,7 +93,7 @@ VERBS: Final = {
         ),
         Verb(
             "audit", MODELS, "how plausible hand poses of any origin are, and the nearest plausible ones",
-            "hand_recon.runs.audit_run:audit", (), ("output", "ranges", "hand.path"), "files",
+            "hand_recon.runs.audit.audit_run:audit", (), ("output", "ranges", "hand.path"), "files",
         ),
         Verb(
             "report", MODELS, "finished runs as the paper's Tables 1 to 3",

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, open_dict
 
 from hand_recon.fitting.hands_file import read_hands
 from hand_recon.hand.model import HandModel
-from hand_recon.runs.audit_run import audit
+from hand_recon.runs.audit.audit_run import audit
 from tests.support.audited_hands import MIRROR, bent, natural_angles, points_of
 from tests.support.configurations import composed
 

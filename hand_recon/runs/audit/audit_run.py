@@ -33,7 +33,7 @@ from hand_recon.plausibility.repaired_hands import (
     to_records,
 )
 from hand_recon.plausibility.verdicts import Limits
-from hand_recon.runs.audit_sources import Reading, read_given
+from hand_recon.runs.audit.sources import Reading, read_given
 from hand_recon.runs.configuration import build_hand, configure_process, plain
 
 logger = logging.getLogger(__name__)

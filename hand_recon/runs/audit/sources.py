@@ -12,10 +12,10 @@ from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import read_hands
 from hand_recon.hand.model import HandModel
 from hand_recon.plausibility.given_hands import GivenCamera, GivenHands, joined_hands, of_points
-from hand_recon.runs.audit_arrays import read_npy, read_npz
-from hand_recon.runs.audit_mano import ManoReader
-from hand_recon.runs.audit_metas import read_meta_hand
-from hand_recon.runs.audit_texts import holds_hands, read_json, read_lines, read_table
+from hand_recon.runs.audit.arrays import read_npy, read_npz
+from hand_recon.runs.audit.mano import ManoReader
+from hand_recon.runs.audit.metas import read_meta_hand
+from hand_recon.runs.audit.texts import holds_hands, read_json, read_lines, read_table
 from hand_recon.schema import HandParameters
 
 SUFFIXES: Final = (".json", ".jsonl", ".npz", ".npy", ".csv", ".pkl", ".zip", ".txt")

@@ -15,7 +15,7 @@ from torch import Tensor
 from hand_recon.data.dexycb.labels import MISSING
 from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
-from hand_recon.runs.audit_mano import ManoReader, mano_pose
+from hand_recon.runs.audit.mano import ManoReader, mano_pose
 
 POINTS: Final = (
     "landmarks_3d", "joint_3d", "pred_keypoints_3d", "keypoints_3d", "keypoints3d", "joints_3d", "joints3d",

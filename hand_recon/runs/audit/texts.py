@@ -17,8 +17,8 @@ from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
 from hand_recon.protocols.benchmarks import protocol_named
 from hand_recon.protocols.prediction_files import read_predictions
-from hand_recon.runs.audit_arrays import POSES, of_arrays
-from hand_recon.runs.audit_mano import ManoReader, mano_pose
+from hand_recon.runs.audit.arrays import POSES, of_arrays
+from hand_recon.runs.audit.mano import ManoReader, mano_pose
 
 HEAD: Final = 1 << 14
 """Characters by which a JSON file is told apart."""

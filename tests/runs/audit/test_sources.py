@@ -23,7 +23,7 @@ from hand_recon.plausibility.posed_hands import HandModels, posed_hands
 from hand_recon.plausibility.repaired_hands import repaired, to_records
 from hand_recon.protocols.benchmarks import PROTOCOLS
 from hand_recon.protocols.submission import write_submission
-from hand_recon.runs.audit_sources import Reading, read_given
+from hand_recon.runs.audit.sources import Reading, read_given
 from tests.support.audited_hands import MIRROR, audit_of, natural_angles, points_of
 from tests.support.mano_file import write_mano_folder
 

@@ -8,7 +8,7 @@ import torch
 from hand_recon.data.ho3d.metas import read_meta
 from hand_recon.hand.skeleton import landmark_permutation
 from hand_recon.plausibility.given_hands import GivenHands, of_points
-from hand_recon.runs.audit_mano import ManoReader, mano_pose
+from hand_recon.runs.audit.mano import ManoReader, mano_pose
 
 
 def read_meta_hand(path: Path, mano: ManoReader | None) -> GivenHands:

@@ -1,0 +1,1 @@
+"""Audit of hand poses: readers of files of any origin, and the command's run."""
