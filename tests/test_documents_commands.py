@@ -1,24 +1,43 @@
-"""Every command that a document shows is understood, and those that need nothing but the checkout run."""
+"""Every command that a document shows is understood, and those that a reader's files suffice for run."""
 
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.support.detector_models import published_models
+from tests.support.readers_folder import run_command, write_readers_folder
 from tests.support.shown_commands import compose_command, shown_commands
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [*(ROOT / "docs").glob("*.md"), ROOT / "data" / "README.md", ROOT / "CONTRIBUTING.md"]
+EVERY = {command for path in [*DOCUMENTS, ROOT / "README.md"] for command in shown_commands(path)}
 SHOWN = sorted({(path, command) for path in DOCUMENTS for command in shown_commands(path)})
 
 RUN = (
-    "hand-recon doctor",
-    "hand-recon fit examples/hands.json --output outputs/fitted",
+    "doctor",
+    "fit examples/hands.json --output outputs/fitted",
+    "fit landmarks.json intrinsics=K.json --output outputs/with_camera",
+    "audit hands.json",
+    "audit poses/ same_person=true repair=true --output outputs/poses",
+    "audit poses.npy repair=true",
+    "export hands.json",
+    "export hands.json format=glb,bvh,openxr --output my_files",
+    "export outputs/my_hands/hands.json format=glb,bvh,openxr",
+    "export default format=onnx --output lifter.onnx",
 )
-"""Commands of the documents that need neither a network nor files of the reader's."""
+"""Commands of the documents that run with a reader's files, and no network."""
+
+RUN_WITH_DETECTOR = (
+    "predict examples/hand.jpg examples/two_hands.jpg --output outputs/first_hands",
+    "predict photos --output outputs/photos camera=fov=60 results.meshes=glb",
+    "predict photo.jpg camera=fov=60 results.meshes=glb",
+    "predict photos rank=uncertainty",
+    "predict clip.mp4 --output outputs/clip",
+    "predict frames motion.fps=25",
+    "prepare labels my_photos output=my_labels",
+)
+"""Commands that need the detector's networks, too."""
 
 
 @pytest.mark.parametrize(
@@ -29,13 +48,26 @@ def test_every_command_of_the_documents_composes(document: Path, command: str) -
     compose_command(command)
 
 
+@pytest.fixture(scope="module")
+def readers_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_readers_folder(tmp_path_factory.mktemp("reader") / "files")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", RUN)
-def test_commands_that_need_nothing_run_as_they_stand(command: str, tmp_path: Path) -> None:
-    assert any(command in path.read_text() for path in DOCUMENTS)
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    words = [sys.executable, "-m", "hand_recon", *command.split()[1:]]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+def test_commands_run_as_the_documents_show_them(command: str, readers_folder: Path) -> None:
+    assert command in EVERY
+    done = run_command(command, readers_folder)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", RUN_WITH_DETECTOR)
+def test_commands_on_photographs_run_as_the_documents_show_them(
+    command: str, readers_folder: Path
+) -> None:
+    assert command in EVERY
+    done = run_command(f"{command} detector.models={published_models()}", readers_folder)
     assert done.returncode == 0, done.stderr
 
 
