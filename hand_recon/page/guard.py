@@ -96,7 +96,7 @@ class Guard:
                 "the address that the command shows, or start it with names=[<name>]."
             )
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        if origin is not None and _place_of(origin) != host.lower():
             return (
                 f"The request comes from the page {origin[:60]!r}; expected this page alone. Open the "
                 "address that the command shows."
@@ -115,8 +115,14 @@ class Guard:
 
 
 def _name_of(address: str) -> str:
-    """Name or number of the host of an address, lower case; empty if it has none."""
+    """Name or number of the host of an address, lower case; empty if it has none, or a user before it."""
+    place = _place_of(address)
+    return "" if "@" in place else (urlsplit(f"//{place}").hostname or "").lower()
+
+
+def _place_of(address: str) -> str:
+    """Host and port of an address, lower case; empty if it is no address."""
     try:
-        return (urlsplit(address).hostname or "").lower()
+        return urlsplit(address).netloc.lower()
     except ValueError:
         return ""

@@ -1,6 +1,7 @@
 """Results that the page may ask for again, such as for a download; the oldest are forgotten."""
 
 import itertools
+import secrets
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Final
@@ -52,8 +53,14 @@ class KeptResults:
 
     results: OrderedDict[int, KeptResult] = field(default_factory=OrderedDict)
     """Results, the oldest first."""
-    numbers: "itertools.count[int]" = field(default_factory=lambda: itertools.count(1))
-    """Numbers of results to come."""
+    numbers: "itertools.count[int]" = field(
+        default_factory=lambda: itertools.count(secrets.randbits(48))
+    )
+    """Numbers of results to come.
+
+    They begin anywhere, since a page that is still open may ask a new process for results of the one before,
+    and must not be given those of another file.
+    """
 
     def add(self, result: KeptResult) -> int:
         """Keep a result.

@@ -2,6 +2,7 @@
 
 import io
 import time
+import warnings
 from typing import Any, Final
 
 import numpy as np
@@ -101,15 +102,17 @@ def decoded_image(content: bytes, bounds: Bounds) -> UInt8[np.ndarray, "height w
     Raises:
         ValueError: It is no JPEG image, or has too many pixels.
     """
+    most = f"expected at most {bounds.frame_pixels / 1e6:.1f} megapixels. Send a smaller one."
     try:
-        with Image.open(io.BytesIO(content), formats=["JPEG"]) as image:
-            width, height = image.size
-            if width * height > bounds.frame_pixels:
-                raise ValueError(
-                    f"The webcam's image has {width} × {height} pixels; expected at most "
-                    f"{bounds.frame_pixels / 1e6:.1f} megapixels. Send a smaller one."
-                )
-            return np.array(image.convert("RGB"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(io.BytesIO(content), formats=["JPEG"]) as image:
+                width, height = image.size
+                if width * height > bounds.frame_pixels:
+                    raise ValueError(f"The webcam's image has {width} × {height} pixels; {most}")
+                return np.array(image.convert("RGB"))
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise ValueError(f"The webcam's image has more pixels than Pillow opens; {most}") from error
     except (OSError, SyntaxError) as error:
         raise ValueError(
             f"The webcam's image, {len(content)} bytes, is no whole JPEG image. Send the next one."

@@ -124,16 +124,20 @@ class _Routes:
 
     def __init__(self, worker: Worker, settings: PageSettings, page: str) -> None:
         self.worker, self.settings, self.html = worker, settings, page
+        self.model: dict[str, Any] | None = None
+        self.uploads = 0
 
     async def page(self, request: Request) -> Response:
         return HTMLResponse(self.html)
 
     async def about(self, request: Request) -> Response:
-        found: dict[str, Any] = await self.worker.call("about")
+        # Once, so that the page opens whatever else is worked on.
+        if self.model is None:
+            self.model = await self.worker.call("about")
         rows = [{"key": row.key, "title": row.title, "sentence": row.sentence} for row in ROWS]
         opened = self.settings.hands_file
         return JSONResponse(
-            found
+            self.model
             | {
                 "version": __version__,
                 "rows": rows,
@@ -146,8 +150,18 @@ class _Routes:
 
     async def file(self, request: Request) -> Response:
         name = request.query_params.get("name", "file")[:300]
-        content = await self._body(request)
-        return JSONResponse(await self.worker.call("file", name, content))
+        most = self.settings.bounds.waiting + 1
+        if self.uploads >= most:
+            raise BusyError(
+                f"{self.uploads} files are being sent or worked on; expected at most {most} at a time. Try "
+                "again in a few seconds."
+            )
+        self.uploads += 1
+        try:
+            content = await self._body(request)
+            return JSONResponse(await self.worker.call("file", name, content))
+        finally:
+            self.uploads -= 1
 
     async def example(self, request: Request) -> Response:
         number = request.path_params["number"]

@@ -81,14 +81,25 @@ async def _run(
     try:
         logger.info("Loading the networks…")
         await worker.call("about")
-        shown = f"[{config.host}]" if ":" in str(config.host) else config.host
-        address = f"http://{shown}:{config.port}/"
+        address = shown_address(str(config.host), int(config.port))
         logger.info("Open %s in a browser; Ctrl-C ends it.", address)
         if config.open:
             webbrowser.open(address)
         await server.serve(sockets=[listener])
     finally:
         await worker.close()
+
+
+def shown_address(host: str, port: int) -> str:
+    """Address that a browser of this machine opens the page at.
+
+    Args:
+        host: Name or number of the host.
+        port: The port.
+    """
+    # All addresses of the machine are no address of a page, and browsers give them no camera.
+    name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104
+    return f"http://[{name}]:{port}/" if ":" in name else f"http://{name}:{port}/"
 
 
 def page_settings(config: DictConfig) -> PageSettings:
@@ -106,8 +117,8 @@ def page_settings(config: DictConfig) -> PageSettings:
     host = str(config.host)
     if host not in LOOPBACK:
         logger.warning(
-            "host=%s: everybody in this network who knows a name of this machine can open the page and send "
-            "files. Leave host out to have the page on this machine alone.", host,
+            "host=%s: everybody in this network can open the page and send files, without a password. Leave "
+            "host out to have the page on this machine alone.", host,
         )  # fmt: skip
     hands_file = None if config.results is None else results_file(Path(config.results))
     videos = [] if hands_file is None else list(videos_of(hands_file.parent))

@@ -13,7 +13,8 @@ from hand_recon.fitting.hand_entry import KEYS
 LANDMARK_SUFFIXES: Final = frozenset({".json", ".jsonl", ".csv", ".npy", ".xml", ".pose"})
 """Suffixes of files that are no photographs, whatever they hold."""
 
-_LONGEST_NAME: Final = 100
+_LONGEST_STEM, _LONGEST_SUFFIX = 100, 20
+"""Most bytes of a file's name and of its suffix; file systems refuse more than 255 together."""
 
 UploadKind = Literal["photo", "landmarks", "hands"]
 """A photograph, 2D landmarks, or a file of reconstructed hands."""
@@ -64,7 +65,12 @@ def safe_name(name: str) -> str:
     kept = "".join(one for one in last if one.isprintable() and one not in '<>:"|?*')
     kept = kept.strip(" .") or "file"
     stem, suffix = Path(kept).stem, Path(kept).suffix
-    return f"{stem[: _LONGEST_NAME - len(suffix)]}{suffix[:20]}"
+    return f"{_cut(stem, _LONGEST_STEM)}{_cut(suffix, _LONGEST_SUFFIX)}"
+
+
+def _cut(text: str, most: int) -> str:
+    """The beginning of a text, of whole characters that take at most so many bytes."""
+    return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
 
 
 def _holds_hands(content: bytes) -> bool:

@@ -69,4 +69,10 @@ async def _answer(socket: WebSocket, worker: Worker, bounds: Bounds) -> None:
         except (TookTooLongError, WorkerEndedError) as error:
             # The new process knows nothing of the hands that were followed.
             found, is_first = {"error": str(error)}, True
+        except Exception as error:  # noqa: BLE001  # one image never ends the connection without a word
+            found = {
+                "error": f"The webcam's image could not be worked on ({type(error).__name__}: "
+                f"{str(error)[:200]}). Start the webcam again; please report this if it comes again."
+            }
+            is_first = True
         await socket.send_json(found)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hand_recon.page.bounds import Bounds
-from hand_recon.page.server import listening, page_settings, results_file
+from hand_recon.page.server import listening, page_settings, results_file, shown_address
 from hand_recon.page.start import demo
 from tests.support.page_server import demo_config
 
@@ -29,6 +29,19 @@ def test_another_address_is_warned_about_and_further_names_are_taken(
         settings = page_settings(demo_config("host=0.0.0.0", "names=[workstation]"))
     assert {"0.0.0.0", "workstation", "localhost"} <= set(settings.names)  # noqa: S104
     assert "everybody in this network" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("host", "address"),
+    [
+        ("127.0.0.1", "http://127.0.0.1:8765/"),
+        ("0.0.0.0", "http://127.0.0.1:8765/"),  # noqa: S104
+        ("::", "http://[::1]:8765/"),
+        ("workstation", "http://workstation:8765/"),
+    ],
+)
+def test_the_address_that_is_told_can_be_opened_with_a_camera(host: str, address: str) -> None:
+    assert shown_address(host, 8765) == address
 
 
 @pytest.mark.parametrize(

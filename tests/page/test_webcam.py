@@ -50,6 +50,13 @@ def jpeg(width: int = 640, height: int = 480) -> bytes:
     return stream.getvalue()
 
 
+def larger(side: int) -> bytes:
+    """A JPEG file that claims to have this width and height."""
+    content = jpeg()
+    place = content.index(b"\xff\xc0") + 5
+    return content[:place] + 2 * side.to_bytes(2, "big") + content[place + 4 :]
+
+
 @pytest.fixture(scope="module")
 def view(hand: HandModel) -> LiveView:
     """A webcam before an open left hand, after two images."""
@@ -81,6 +88,8 @@ def test_a_hand_is_shown_once_it_was_seen_in_three_images_and_follows_its_landma
         (b"GIF89a" + bytes(90), "96 bytes, is no whole JPEG"),
         (jpeg()[:200], "200 bytes, is no whole JPEG"),
         (jpeg(641, 480), r"641 × 480 pixels; expected at most 0\.3 megapixels"),
+        (larger(10_000), r"more pixels than Pillow opens; expected at most 0\.3 megapixels"),
+        (larger(60_000), r"more pixels than Pillow opens; expected at most 0\.3 megapixels"),
     ],
 )
 def test_what_is_no_image_of_a_webcam_is_refused(content: bytes, words: str) -> None:
@@ -100,6 +109,8 @@ class Scripted:
         self.firsts.append(is_first)
         if content == b"slow":
             raise TookTooLongError("This took longer than 30 seconds.")
+        if content == b"odd":
+            raise ZeroDivisionError("by zero")
         return {"hands": len(self.firsts)}
 
 
@@ -141,6 +152,19 @@ def test_every_image_has_one_answer_and_a_bad_one_ends_nothing(
         assert socket.receive_json() == {"error": "This is no image."}
     # After an image that took too long, a new process begins anew.
     assert scripted.firsts == [True, False, False, True, False]
+
+
+def test_an_error_that_nobody_thought_of_is_told_and_does_not_end_the_connection(
+    client: TestClient, scripted: Scripted
+) -> None:
+    with client.websocket_connect("/api/live", headers={"host": "127.0.0.1"}) as socket:
+        socket.send_bytes(b"odd")
+        assert (
+            "(ZeroDivisionError: by zero). Start the webcam again" in socket.receive_json()["error"]
+        )
+        socket.send_bytes(b"image")
+        assert socket.receive_json() == {"hands": 2}
+    assert scripted.firsts == [True, True]
 
 
 def test_one_page_at_a_time_has_the_webcam_and_the_next_has_it_afterwards(
