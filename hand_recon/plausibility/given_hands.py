@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from hand_recon.fitting.origin import Moment
 from hand_recon.schema import HandParameters
 
 
@@ -50,6 +51,8 @@ class GivenHands:
     """Time of each frame of a sequence, seconds."""
     cameras: tuple[GivenCamera | None, ...]
     """Camera of each hand; None for hands without one."""
+    moments: tuple[Moment | None, ...]
+    """Place of each hand in its clip, as a file of hands has it; None without one."""
     notes: tuple[str, ...] = ()
     """Sentences about what was assumed in reading."""
 
@@ -98,6 +101,7 @@ def of_points(
         ("",) * count,
         ("",) * count,
         torch.full((count,), torch.nan),
+        (None,) * count,
         (None,) * count,
     )
 

@@ -178,8 +178,13 @@ def _numbers(
 
 
 def _moments(hands: PosedHands) -> tuple[Moment | None, ...]:
-    """Place of each hand in its sequence, for sequences with times; hands are numbered from 1."""
+    """Place of each hand in its clip: the file's, or in its sequence, if that has times.
+
+    Hands are numbered from 1 through all sequences; those of one file of hands keep their numbers.
+    """
     given = hands.given
+    if len(set(given.files)) == 1 and any(one is not None for one in given.moments):
+        return given.moments
     found: list[Moment | None] = [None] * len(given)
     sequences = [(name, rows) for name, rows in rows_by(given.sequences).items() if name]
     for number, (_, rows) in enumerate(sequences, start=1):
@@ -187,5 +192,6 @@ def _moments(hands: PosedHands) -> tuple[Moment | None, ...]:
         if not bool(times.isfinite().all()):
             continue
         for frame, (row, time) in enumerate(zip(rows, times.tolist(), strict=True)):
-            found[row] = Moment(number, frame, time)
+            own = given.moments[row]
+            found[row] = Moment(number, frame, time) if own is None else replace(own, hand=number)
     return tuple(found)

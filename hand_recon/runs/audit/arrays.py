@@ -3,6 +3,8 @@
 Arrays alone are read. An array of objects is a pickle, which may run code, and is refused.
 """
 
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +43,8 @@ SHAPES: Final = ("betas", "init_betas", "pred_betas", "mano_shape", "handBeta", 
 ROTATIONS: Final = ("global_orient", "root_orient", "init_root_orient", "pred_global_orient", "rot")
 """Names of the rotation of the whole hand."""
 
+_UNREADABLE: Final = (EOFError, zipfile.BadZipFile, zlib.error)
+
 RIGHT: Final = ("is_right", "right")
 """Names of the side: 1 for right hands, 0 for left ones."""
 
@@ -56,6 +60,8 @@ def read_npy(path: Path) -> GivenHands:
     """
     try:
         array = np.load(path, allow_pickle=False)
+    except _UNREADABLE as error:
+        raise ValueError(_damage(path, error)) from error
     except ValueError as error:
         raise ValueError(_refusal(path, "it", error)) from error
     return _of_points(path, "", array, {})
@@ -105,13 +111,20 @@ def of_arrays(path: Path, arrays: Mapping[str, np.ndarray], mano: ManoReader | N
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     found = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for key in archive.files:
-            try:
+    key = "it"
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            for key in archive.files:
                 found[key] = archive[key]
-            except ValueError as error:
-                raise ValueError(_refusal(path, key, error)) from error
+    except _UNREADABLE as error:
+        raise ValueError(_damage(path, error)) from error
+    except ValueError as error:
+        raise ValueError(_refusal(path, key, error)) from error
     return found
+
+
+def _damage(path: Path, error: Exception) -> str:
+    return f"{path} is empty or damaged ({error}); expected arrays of NumPy. Write the file again."
 
 
 def _refusal(path: Path, key: str, error: ValueError) -> str:
@@ -203,11 +216,11 @@ def _sides(arrays: Mapping[str, np.ndarray], lead: tuple[int, ...]) -> list[str]
     ]
 
 
-def _tracks(hands: GivenHands, lead: tuple[int, ...], fps: float = 30.0) -> GivenHands:
-    """Frames of several tracks as sequences, at 30 frames per second."""
+def _tracks(hands: GivenHands, lead: tuple[int, ...]) -> GivenHands:
+    """Frames of several tracks as sequences; their times are numbers of frames until the rate is known."""
     if len(lead) != 2 or lead[1] < 2:
         return hands
     frames = lead[1]
     names = [f"{hands.files[0]} track {row // frames}" for row in range(len(hands))]
-    times = torch.arange(len(hands)).remainder(frames) / fps
+    times = torch.arange(len(hands)).remainder(frames).float()
     return replace(hands, sequences=tuple(names), times=times)

@@ -15,7 +15,8 @@ from hand_recon.plausibility.given_hands import GivenCamera, GivenHands, joined_
 from hand_recon.runs.audit.arrays import read_npy, read_npz
 from hand_recon.runs.audit.mano import ManoReader
 from hand_recon.runs.audit.metas import read_meta_hand
-from hand_recon.runs.audit.texts import holds_hands, read_json, read_lines, read_table
+from hand_recon.runs.audit.tables import read_table
+from hand_recon.runs.audit.texts import holds_hands, read_json, read_lines
 from hand_recon.schema import HandParameters
 
 SUFFIXES: Final = (".json", ".jsonl", ".npz", ".npy", ".csv", ".pkl", ".zip", ".txt")
@@ -35,11 +36,11 @@ class Reading:
     """Settings of reading."""
 
     sequence: bool = False
-    """True if the hands of each file are the frames of one hand."""
+    """True if the hands of each file and side are the frames of one hand."""
     same_person: bool = False
     """True if all hands of a file and side are one person's hand."""
     fps: float = 30.0
-    """Frames per second of sequences without times."""
+    """Frames per second of sequences without times, those of tracks too."""
 
 
 def read_given(
@@ -58,7 +59,7 @@ def read_given(
         ValueError: A file has another form; the message says what was found.
     """
     reader = None if mano is None else ManoReader(hand, mano)
-    parts = [_read(path, reader) for path in _files(names)]
+    parts = [_read(path, reader, reading.fps) for path in _files(names)]
     return _in_sequences(joined_hands(parts), reading)
 
 
@@ -88,7 +89,7 @@ def _files(names: Sequence[str | Path]) -> list[Path]:
     return found
 
 
-def _read(path: Path, mano: ManoReader | None) -> GivenHands:
+def _read(path: Path, mano: ManoReader | None, fps: float) -> GivenHands:
     suffix = path.suffix.lower()
     if suffix in PICKLES:
         raise ValueError(
@@ -103,9 +104,12 @@ def _read(path: Path, mano: ManoReader | None) -> GivenHands:
         return of_records(read_hands(path), str(path))
     with_mano = {".pkl": read_meta_hand, ".npz": read_npz, ".json": read_json, ".zip": read_json}
     if suffix in with_mano:
-        return with_mano[suffix](path, mano)
+        found = with_mano[suffix](path, mano)
+        # Times of arrays are numbers of frames.
+        return replace(found, times=found.times / fps)
     without = {".txt": read_lines, ".npy": read_npy, ".csv": read_table}
-    return without[suffix](path)
+    found = without[suffix](path)
+    return replace(found, times=found.times / fps)
 
 
 def of_records(hands: HandRecords, file: str) -> GivenHands:
@@ -136,6 +140,7 @@ def of_records(hands: HandRecords, file: str) -> GivenHands:
         hand_models=hands.hand_models,
         sequences=tuple("" if one is None else f"{file} hand {one.hand}" for one in moments),
         times=torch.tensor([torch.nan if one is None else one.time for one in moments]),
+        moments=moments,
         cameras=tuple(
             None if source is None else GivenCamera(matrix, source, image, size)
             for matrix, source, image, size in zip(
@@ -156,18 +161,18 @@ def _distinct(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _in_sequences(hands: GivenHands, reading: Reading) -> GivenHands:
-    """Take the hands of each file as one sequence, or as one person's, if the settings say so."""
+    """Take the hands of each file and side as one sequence, or as one person's, if the settings say so."""
     if not (reading.sequence or reading.same_person):
         return hands
     names, times, frames = list(hands.sequences), hands.times.clone(), dict[str, int]()
     for row, name in enumerate(names):
         if name:
             continue
-        names[row] = hands.files[row]
+        # The left and the right hand of a person are two sequences.
+        names[row] = f"{hands.files[row]} {hands.sides[row]}".strip()
         if not reading.sequence:
-            names[row] = f"{hands.files[row]} {hands.sides[row]}".strip()
             continue
-        frame = frames.get(hands.files[row], 0)
-        frames[hands.files[row]] = frame + 1
+        frame = frames.get(names[row], 0)
+        frames[names[row]] = frame + 1
         times[row] = frame / reading.fps
     return replace(hands, sequences=tuple(names), times=times)

@@ -1,9 +1,6 @@
-"""Hands in JSON and CSV: 3D landmarks of datasets, of predictions, of headsets and of tables."""
+"""Hands in JSON and text: 3D landmarks of datasets, of predictions and of headsets."""
 
-import csv
 import json
-import math
-import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -148,12 +145,23 @@ def _recorded(path: Path, rows: list[dict[str, Any]]) -> GivenHands:
                 f"{path}, hand {number} has the keys {', '.join(map(str, list(row)[:8]))}; expected one of "
                 f"{', '.join(POINTS)} with 21, 25 or 26 points."
             )
-        points.append(_points(path, row[key])[None])
-        side = str(next((row[name] for name in SIDES if row.get(name)), "")).lower()
-        sides.append(side if side in ("left", "right") else "")
-        names.append(_name(row, number))
+        if row[key] is None:
+            found = torch.full((1, 21, 3), torch.nan, dtype=torch.float64)
+        else:
+            # Several frames of one hand are several hands.
+            found = _points(path, row[key]).reshape(-1, 21, 3)
+        points.append(found)
+        sides += [_side(row)] * len(found)
+        name = _name(row, number)
+        names += [name] if len(found) == 1 else [f"{name}.{frame}" for frame in range(len(found))]
     known = [None if not side else side == "left" for side in sides]
     return of_points(torch.cat(points), str(path), names=names, left=known, sides=sides)
+
+
+def _side(row: dict[str, Any]) -> str:
+    """Side of a recorded hand; empty if it is not told."""
+    side = str(next((row[name] for name in SIDES if row.get(name)), "")).lower()
+    return {"l": "left", "left": "left", "r": "right", "right": "right"}.get(side, "")
 
 
 def _name(row: dict[str, Any], number: int) -> str:
@@ -176,52 +184,3 @@ def _points(path: Path, values: object) -> Float[Tensor, "... landmark=21 3"]:
     if array.ndim < 2 or array.shape[-1] != 3:
         raise ValueError(f"{path}: points of the shape {array.shape}; expected point × 3.")
     return to_landmarks(torch.from_numpy(array))
-
-
-def read_table(path: Path) -> GivenHands:
-    """Landmarks of a table: a row per hand with 63, 75 or 78 numbers, or a row per landmark with x, y and z.
-
-    Args:
-        path: The CSV file.
-
-    Raises:
-        ValueError: The table has neither.
-    """
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
-    header = rows[0] if rows and not any(math.isfinite(_number(cell)) for cell in rows[0]) else []
-    body = rows[1:] if header else rows
-    table = np.array([[_number(cell) for cell in row] for row in body])
-    columns = [_column(header, axis) for axis in "xyz"]
-    width = table.shape[1] if table.ndim == 2 else 0
-    if width and None not in columns and len(table) % 21 == 0 and width < 63:
-        array = table[:, [int(column or 0) for column in columns]].reshape(-1, 21, 3)
-    elif width == 3 and len(table) % 21 == 0:
-        array = table.reshape(-1, 21, 3)
-    else:
-        array = _wide(path, table, width)
-    return of_points(to_landmarks(torch.from_numpy(array)), str(path))
-
-
-def _column(header: list[str], axis: str) -> int | None:
-    """Column of a coordinate, such as `x` or `x_m`."""
-    pattern = re.compile(rf"{axis}(_|\b)", re.IGNORECASE)
-    return next((i for i, name in enumerate(header) if pattern.match(name.strip())), None)
-
-
-def _wide(path: Path, table: np.ndarray, width: int) -> np.ndarray:
-    for count in sorted(COUNTS, reverse=True):
-        # Columns before the coordinates, such as a number or a name, are left out.
-        if 3 * count <= width < 3 * count + 9:
-            return np.asarray(table[:, -3 * count :].reshape(-1, count, 3))
-    raise ValueError(
-        f"{path} has {width} columns in {len(table)} rows; expected a row per hand with 63 numbers (21 × x, "
-        "y, z), 75 or 78, or 21 rows per hand with columns x, y and z."
-    )
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan

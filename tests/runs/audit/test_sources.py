@@ -3,7 +3,6 @@
 import json
 import pickle
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +10,6 @@ import torch
 
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.fitting.hands_file import writing_hands
-from hand_recon.hand.anatomical_frame import joint_rotations
-from hand_recon.hand.axis_angle import mirror_axis_angle, rotation_to_axis_angle
-from hand_recon.hand.mano.hand import mano_hand
-from hand_recon.hand.mano.layer import ManoLayer
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import landmark_permutation
 from hand_recon.plausibility.given_hands import GivenHands, of_points
@@ -25,7 +20,6 @@ from hand_recon.protocols.benchmarks import PROTOCOLS
 from hand_recon.protocols.submission import write_submission
 from hand_recon.runs.audit.sources import Reading, read_given
 from tests.support.audited_hands import MIRROR, audit_of, natural_angles, points_of
-from tests.support.mano_file import write_mano_folder
 
 COUNT = 6
 
@@ -35,8 +29,8 @@ def points(hand: HandModel) -> torch.Tensor:
     return points_of(hand, natural_angles(COUNT))
 
 
-def read(hand: HandModel, *paths: Path, mano: Path | None = None, **settings: bool) -> GivenHands:
-    return read_given(paths, hand, mano, Reading(**settings))
+def read(hand: HandModel, *paths: Path, **settings: bool) -> GivenHands:
+    return read_given(paths, hand, None, Reading(**settings))
 
 
 def test_lists_of_points_as_freihand_has_them(
@@ -252,80 +246,47 @@ def test_a_file_as_one_sequence_or_one_person(
     assert set(person.sequences) == set(sequence.sequences) == {str(tmp_path / "a.npy")}
 
 
-@pytest.fixture(scope="module")
-def mano(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A made-up file in MANO's format."""
-    return write_mano_folder(tmp_path_factory.mktemp("mano"))
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_empty_and_damaged_arrays_are_named(hand: HandModel, tmp_path: Path, name: str) -> None:
+    for content in (b"", b"PK\x03\x04junk")[: 1 if name == "a.npy" else 2]:
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(
+            ValueError, match=rf"{name} is empty or damaged .*; expected arrays of NumPy"
+        ):
+            read(hand, tmp_path / name)
 
 
-@pytest.mark.parametrize("form", ["hamer", "wilor-mini", "dyn-hamr", "smplx"])
-def test_manos_rotations_in_the_forms_of_other_systems(
-    mano: Path, tmp_path: Path, form: str
+def test_objects_with_frames_with_missing_hands_and_short_sides(
+    hand: HandModel, points: torch.Tensor, tmp_path: Path
 ) -> None:
-    """Matrices of right hands, axis angles that were mirrored back for left hands, and tracks of frames."""
-    hand = mano_hand(mano)
-    angles = natural_angles(COUNT)
-    rotations = joint_rotations(angles, hand.frames, hand.rest_angles)
-    axis_angles = rotation_to_axis_angle(rotations)
-    is_right = np.array([1, 1, 1, 0, 0, 0])
-    back = torch.where(
-        torch.from_numpy(is_right == 0)[:, None, None], mirror_axis_angle(axis_angles), axis_angles
-    )
-    betas = torch.randn(COUNT, 10)
-    eye = torch.eye(3).expand(COUNT, 1, 3, 3)
-    forms: dict[str, dict[str, Any]] = {
-        "hamer": {"hand_pose": rotations, "global_orient": eye, "betas": betas, "is_right": is_right},
-        "wilor-mini": {
-            "hand_pose": back, "global_orient": torch.zeros(COUNT, 1, 3), "betas": betas,
-            "is_right": is_right,
-        },
-        "dyn-hamr": {
-            "pose_body": axis_angles.reshape(2, 3, 15, 3), "root_orient": torch.zeros(2, 3, 3),
-            "betas": betas[::3], "is_right": is_right.reshape(2, 3),
-        },
-        "smplx": {"poses": torch.cat([torch.zeros(COUNT, 3), axis_angles.flatten(1)], dim=1), "betas": betas},
-    }  # fmt: skip
-    arrays: dict[str, Any] = {key: np.asarray(value) for key, value in forms[form].items()}
-    np.savez(tmp_path / "x.npz", **arrays)
-    found = read_given([tmp_path / "x.npz"], hand, mano, Reading())
-    assert found.exact.all()
-    assert float((found.parameters.joint_angles - angles).abs().max()) < 1e-3
-    assert set(found.hand_models) == {"mano"}
-    if form != "smplx":
-        assert found.left == (False,) * 3 + (True,) * 3
-    assert bool(found.notes) == (form == "wilor-mini")
-    assert found.parameters.shape.shape == (COUNT, 10)
+    rows = [
+        {"name": "clip", "side": "L", "landmarks": points[:2].tolist()},
+        {"side": "R", "landmarks": points[2].tolist()},
+        {"landmarks": None},
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    found = read(hand, tmp_path)
+    assert found.names == ("clip.0", "clip.1", "1", "2")
+    assert found.left == (True, True, False, None)
+    assert torch.allclose(found.points[:3], points[:3], atol=1e-6)
+    assert found.points[3].isnan().all()
 
 
-def test_hawors_chunks_of_frames_are_sequences(mano: Path, tmp_path: Path) -> None:
-    hand, angles = mano_hand(mano), natural_angles(COUNT)
-    rotations = joint_rotations(angles, hand.frames, hand.rest_angles)
-    chunk = {
-        "init_root_orient": torch.eye(3).expand(1, COUNT, 3, 3).tolist(),
-        "init_hand_pose": rotations[None].tolist(),
-        "init_trans": torch.zeros(1, COUNT, 3).tolist(),
-        "init_betas": torch.zeros(1, COUNT, 10).tolist(),
-    }
-    (tmp_path / "0_6.json").write_text(json.dumps(chunk))
-    found = read_given([tmp_path], hand, mano, Reading())
-    assert float((found.parameters.joint_angles - angles).abs().max()) < 1e-3
-    assert len(set(found.sequences)) == 1
-    assert found.times.tolist() == pytest.approx([frame / 30 for frame in range(COUNT)])
+def test_tracks_have_the_rate_that_was_given(hand: HandModel, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.random.default_rng(2).normal(size=(1, 4, 21, 3)))
+    found = read_given([tmp_path], hand, None, Reading(fps=60.0))
+    assert found.times.tolist() == pytest.approx([i / 60 for i in range(4)])
 
 
-def test_coefficients_of_pose_components_are_refused(mano: Path, tmp_path: Path) -> None:
-    np.savez(tmp_path / "x.npz", hand_pose=np.zeros((4, 12)), betas=np.zeros((4, 10)))
-    with pytest.raises(
-        ValueError, match="A pose of 4 rotations was found; expected MANO's 15 joints"
-    ):
-        read_given([tmp_path], mano_hand(mano), mano, Reading())
-
-
-def test_freihands_mano_labels_have_the_mean_pose_added(mano: Path, tmp_path: Path) -> None:
-    hand, layer = mano_hand(mano), ManoLayer.load(mano)
-    angles = natural_angles(2)
-    pose = rotation_to_axis_angle(joint_rotations(angles, hand.frames, hand.rest_angles)).flatten(1)
-    label = torch.cat([torch.zeros(2, 3), pose - layer.hands_mean, torch.zeros(2, 13)], dim=1)
-    (tmp_path / "training_mano.json").write_text(json.dumps(label[:, None].tolist()))
-    found = read_given([tmp_path], hand, mano, Reading())
-    assert float((found.parameters.joint_angles - angles).abs().max()) < 1e-3
+def test_both_hands_of_a_person_are_two_sequences(
+    hand: HandModel, points: torch.Tensor, tmp_path: Path
+) -> None:
+    rows = [
+        {"side": ("left", "right")[i % 2], "landmarks": one}
+        for i, one in enumerate(points[:4].tolist())
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(rows))
+    found = read(hand, tmp_path, sequence=True)
+    assert found.sequences[::2] == (f"{tmp_path / 'a.json'} left",) * 2
+    assert found.sequences[1::2] == (f"{tmp_path / 'a.json'} right",) * 2
+    assert found.times.tolist() == pytest.approx([0, 0, 1 / 30, 1 / 30])
