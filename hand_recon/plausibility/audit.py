@@ -10,7 +10,7 @@ from torch import Tensor
 from hand_recon.hand.skeleton import ARTICULATED, AXES
 from hand_recon.plausibility.findings import Findings, Knowledge, findings_of
 from hand_recon.plausibility.given_hands import GivenHands
-from hand_recon.plausibility.metric_points import in_metres
+from hand_recon.plausibility.metric_points import in_metres, without_placeholders
 from hand_recon.plausibility.posed_hands import HandModels, PosedHands, posed_hands
 from hand_recon.plausibility.sequences import SequenceFindings, sequence_findings
 from hand_recon.plausibility.verdicts import Limits, Verdict, verdicts_on
@@ -133,15 +133,17 @@ class Audit:
     def badness(self) -> Tensor:
         """Violation of each hand's limits, 1 at a limit; −1 for hands that were not audited."""
         found, limits = self.findings, self.limits
-        parts = torch.stack(
-            [
-                found.worst_range / limits.degrees,
-                found.depth.nan_to_num(0.0) / limits.depth,
-                found.residual.nan_to_num(0.0) / limits.residual,
-                found.worst_bone.nan_to_num(0.0) / limits.bone_error,
-                found.shape.nan_to_num(0.0) / limits.shape,
-            ]
-        )
+        measured = [
+            (found.worst_range, limits.degrees),
+            (found.depth, limits.depth),
+            (found.residual, limits.residual),
+            (found.worst_bone, limits.bone_error),
+            (found.shape, limits.shape),
+        ]
+        if limits.anatomy:
+            measured.append((found.worst_anatomy, limits.degrees))
+        # A limit may be 0.
+        parts = torch.stack([one.nan_to_num(0.0) / max(limit, 1e-6) for one, limit in measured])
         return torch.where(self.hands.posed, parts.amax(dim=0), -1.0)
 
 
@@ -164,7 +166,7 @@ def audited(
         order: Order of the landmarks, or `auto`.
         side: Side of points that do not tell it, or `auto`.
     """
-    hands = posed_hands(in_metres(given, order), models, side)
+    hands = posed_hands(in_metres(without_placeholders(given), order), models, side)
     return Audit.of(hands, models, knowledge, limits)
 
 

@@ -16,6 +16,21 @@ MEAN_DIAGONAL: Final = 0.2
 """Diagonal of the box around an adult's hand, metres, that hands of unknown unit are given in the median."""
 
 
+def without_placeholders(hands: GivenHands) -> GivenHands:
+    """Take hands whose points are all one point, such as zeros, as missing.
+
+    Args:
+        hands: Hands in the units of their files.
+    """
+    points = hands.points
+    alike = (points == points[:, :1]).flatten(1).all(dim=1) & ~hands.exact
+    count = int(alike.sum())
+    if not count:
+        return hands
+    note = f"All points of {count} of {len(hands)} hands are one point; these hands are missing."
+    return hands.with_points(points.masked_fill(alike[:, None, None], torch.nan)).with_notes(note)
+
+
 def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
     """Convert landmarks to metres and the order of FreiHAND, file by file.
 
@@ -32,9 +47,9 @@ def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
         )
     points, notes = hands.points.clone(), []
     for file, rows in rows_by(hands.files).items():
-        exact = bool(hands.exact[rows].all())
         own = points[rows]
-        if exact or not own.isfinite().any():
+        # Files of hands and of MANO's parameters name unit and order.
+        if any(hands.hand_models[row] for row in rows) or not own.isfinite().any():
             continue
         factor, unit = metres_per_unit(own)
         if unit is None:

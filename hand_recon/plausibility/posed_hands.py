@@ -1,6 +1,7 @@
 """Audited hands with a pose: given exactly, or fitted to 3D landmarks, all as right hands in metres."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import torch
@@ -108,7 +109,7 @@ def posed_hands(given: GivenHands, models: HandModels, side: str = "auto") -> Po
     mirror = torch.tensor(MIRROR)
     points = torch.where(left[:, None, None], given.points * mirror, given.points)
     exact = given.exact
-    parameters, landmarks = given.parameters.select(slice(None)), points.clone()
+    parameters, landmarks = _within_a_turn(given.parameters), points.clone()
     fittable = points.isfinite().all(dim=-1).sum(dim=1) >= FEWEST
     rows = (fittable & ~exact).nonzero()[:, 0]
     if len(rows):
@@ -121,6 +122,24 @@ def posed_hands(given: GivenHands, models: HandModels, side: str = "auto") -> Po
     for row in exact.nonzero()[:, 0].split(512):
         _pose_exactly(row, models, names, parameters, landmarks)
     return PosedHands(given, left, points, parameters, landmarks, exact, names)
+
+
+def _within_a_turn(parameters: HandParameters) -> HandParameters:
+    """The same poses with every angle within half a turn.
+
+    A fit may count a joint's turns: a bend of 288° is one of −72°, and not 208° beyond 80°. Each rotation has
+    two triples of angles, of which the smaller one is taken.
+    """
+    angles = parameters.joint_angles
+    first = torch.where(angles.abs() > math.pi, _wrapped(angles), angles)
+    # Half a turn of bend and of splay, and the other side of twist, are the same rotation.
+    second = _wrapped(math.pi + angles * torch.tensor([1.0, 1.0, -1.0]))
+    smaller = second.abs().sum(dim=-1, keepdim=True) < first.abs().sum(dim=-1, keepdim=True)
+    return replace(parameters, joint_angles=torch.where(smaller, second, first))
+
+
+def _wrapped(angles: Tensor) -> Tensor:
+    return torch.remainder(angles + math.pi, 2 * math.pi) - math.pi
 
 
 def _fitted(

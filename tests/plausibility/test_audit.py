@@ -171,3 +171,42 @@ def test_rates_by_joint_are_over_all_hands(hand: HandModel) -> None:
 def test_files_without_hands_are_refused() -> None:
     with pytest.raises(ValueError, match="The files hold no hand; expected one or more"):
         joined_hands([of_points(torch.zeros(0, 21, 3), "empty")])
+
+
+def test_turns_that_a_fit_counted_are_no_violation(hand: HandModel) -> None:
+    """288° of bend are −72°, 72° below 0; and half a turn of all three axes is no turn at all."""
+    angles = torch.cat(
+        [
+            bent(middle_DIP_bend=288),
+            bent(index_PIP_bend=40 + 180, index_PIP_splay=180, index_PIP_twist=180),
+            bent(thumb_CMC_twist=120),
+        ]
+    )
+    given = given_angles(angles)
+    found = audit_of(given, hand)
+    assert found.findings.worst_range.tolist() == pytest.approx([72, 0, 120], abs=0.01)
+    # The pose is the same.
+    there = hand(angles, given.parameters.shape).landmarks
+    here = hand(found.hands.parameters.joint_angles, given.parameters.shape).landmarks
+    assert torch.allclose(here, there, atol=1e-6)
+
+
+def test_hands_of_zeros_are_missing_and_do_not_hide_the_unit(hand: HandModel) -> None:
+    points = torch.cat([1000 * points_of(hand, natural_angles(2)), torch.zeros(3, 21, 3)])
+    found = audit_of(of_points(points, "points"), hand)
+    assert [one.value for one in found.verdicts] == ["plausible"] * 2 + ["not audited"] * 3
+    assert (
+        "All points of 3 of 5 hands are one point; these hands are missing."
+        in found.hands.given.notes
+    )
+    assert "points: the points are in millimetres." in found.hands.given.notes
+
+
+def test_the_worst_hand_is_that_of_anatomy_where_it_counts(hand: HandModel) -> None:
+    given = given_angles(
+        torch.cat([bent(index_PIP_bend=110), bent(little_MCP_bend=84, little_MCP_splay=-50)])
+    )
+    for anatomy, worst in ((False, 0), (True, 1)):
+        badness = audit_of(given, hand, anatomy=anatomy).badness()
+        assert int(badness.argmax()) == worst
+    assert audit_of(given, hand, degrees=0.0).badness().isfinite().all()
