@@ -18,7 +18,7 @@ from hand_recon.plausibility.repaired_hands import RepairedHands
 
 logger = logging.getLogger(__name__)
 
-PRODUCTS = ("audit.json", "audit.csv", "index.html", "worst", "map.png", "repaired")
+PRODUCTS = ("audit.json", "audit.csv", "index.html", "worst", "map.png", "repaired", "config.yaml")
 """Files and folders of a report."""
 
 

@@ -147,3 +147,23 @@ def test_manos_hands_without_mano_are_audited_and_not_repaired(
 def test_without_files_the_command_says_what_to_type(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"No file was given\. Type hand-recon audit"):
         audit(asked([], tmp_path))
+
+
+def test_no_file_of_another_run_is_replaced(points: torch.Tensor, tmp_path: Path) -> None:
+    np.save(tmp_path / "points.npy", points.numpy())
+    (tmp_path / "config.yaml").write_text("mine")
+    with pytest.raises(
+        FileExistsError, match=r"already holds config\.yaml, and nothing is overwritten"
+    ):
+        audit(asked([str(tmp_path / "points.npy")], tmp_path))
+    assert (tmp_path / "config.yaml").read_text() == "mine"
+
+
+def test_brackets_in_names_of_files_are_no_markup(
+    points: torch.Tensor, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "[bold]").mkdir()
+    np.save(tmp_path / "[bold]" / "[.npy", points.numpy())
+    name = str(tmp_path / "[bold]" / "[.npy")
+    audit(asked([name], tmp_path / "out", "worst=0", "same_person=true"))
+    assert "[bold]" in "".join(capsys.readouterr().out.split()).replace("│", "")

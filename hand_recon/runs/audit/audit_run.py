@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from hand_recon import __version__
 from hand_recon.command_line.resolvers import MANO_HAND
@@ -60,6 +61,7 @@ def audit(config: DictConfig) -> dict[str, Any]:
     names = [config.files] if isinstance(config.files, str) else list(config.files)
     if config.landmark_set is None:
         config.landmark_set = "mano" if _mano_folder(config) is not None else "knuckle"
+    refuse_report(config.output or config.paths.run)
     hand = build_hand(config)
     models = HandModels.of(hand)
     given = read_given(names, hand, _mano_folder(config), _reading(config))
@@ -98,6 +100,17 @@ def claim_report(path: str | Path) -> Path:
     Raises:
         FileExistsError: It already holds one.
     """
+    folder = refuse_report(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def refuse_report(path: str | Path) -> Path:
+    """Check that a folder has none of the files of a report.
+
+    Raises:
+        FileExistsError: It has one.
+    """
     folder = Path(path).expanduser().absolute()
     taken = [name for name in PRODUCTS if (folder / name).exists()]
     if taken:
@@ -105,7 +118,6 @@ def claim_report(path: str | Path) -> Path:
             f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Name another folder "
             "with output=<folder>."
         )
-    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
@@ -143,7 +155,8 @@ def _drawn(table: PageTable) -> Table:
     for index, heading in enumerate(table.columns):
         drawn.add_column(heading, justify="right" if index else "left")
     for row in table.rows:
-        drawn.add_row(*(shown(cell) for cell in row))
+        # Names of files may hold brackets, which are no markup.
+        drawn.add_row(*(Text(shown(cell)) for cell in row))
     return drawn
 
 
