@@ -164,7 +164,10 @@ def _hide(stage: "Usd.Stage", one: ExportedHand, rate: float) -> None:
         visibility.Set(UsdGeom.Tokens.invisible, 0.0)
     visibility.Set(UsdGeom.Tokens.inherited, float(codes[0]))
     for gap in np.flatnonzero(np.diff(numbers) > 1):
-        visibility.Set(UsdGeom.Tokens.invisible, float(codes[gap]) + 1.0)
+        gone = float(codes[gap]) + 1.0
+        # Where times are uneven, a gap can be shorter than the time for which a frame is shown.
+        if gone < codes[gap + 1]:
+            visibility.Set(UsdGeom.Tokens.invisible, gone)
         visibility.Set(UsdGeom.Tokens.inherited, float(codes[gap + 1]))
     if codes[-1] + 1.0 < stage.GetEndTimeCode() + 0.5:
         visibility.Set(UsdGeom.Tokens.invisible, float(codes[-1]) + 1.0)

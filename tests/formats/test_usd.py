@@ -2,13 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hand_recon.formats.exported_hands import Scene
+from hand_recon.formats.exported_hands import ExportedHand, Scene
 from hand_recon.formats.usd import joint_paths, write_usd
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import JOINTS, PARENTS
 from tests.support.exported import clip, photographs
+from tests.support.trajectories import Clip, moving_hand, with_times, without_frames
 from tests.support.usd_reader import UsdHands
 
 pytest.importorskip("pxr", reason="needs pxr: pip install 'hand_recon[usd]'")
@@ -34,6 +36,18 @@ def test_a_hand_is_invisible_where_it_is_missing(hand: HandModel, tmp_path: Path
         for name in file.names
     }
     assert shown == {"hand_1_left": [0, 1, 2, 6, 7, 8, 9], "hand_2_right": [4, 5, 6, 7, 8, 9]}
+
+
+def test_a_hand_stays_visible_after_a_short_gap_in_slow_motion(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    """40 frames of 30 a second, and 20 of 240, of which one is missing: less than a frame of the first."""
+    times = np.concatenate([np.arange(40) / 30, 39 / 30 + np.arange(1, 21) / 240])
+    motion = without_frames(with_times(moving_hand(1, "right", Clip(frames=60)), times), 45)
+    count = len(motion)
+    one = ExportedHand(motion, np.zeros((count, 21, 3)), np.full((count, 21, 3, 3), np.nan))
+    file = read(Scene("clip", (one,)), hand, tmp_path)
+    assert all(file.is_visible("hand_1_right", time + 1e-5) for time in motion.times.tolist())
 
 
 def test_hands_of_a_photograph_are_visible(hand: HandModel, tmp_path: Path) -> None:
