@@ -11,7 +11,8 @@ from hand_recon.formats.exported_hands import ExportedHand, ExportedHands, Scene
 from hand_recon.formats.new_file import write_new
 
 COLUMNS: Final = (
-    "scene", "hand", "side", "frame", "time_s", "seen", *(f"{one.name}_deg" for one in CLINICAL_ANGLES),
+    "scene", "image", "hand", "side", "frame", "time_s", "seen",
+    *(f"{one.name}_deg" for one in CLINICAL_ANGLES),
 )  # fmt: skip
 """Columns of the table."""
 
@@ -22,7 +23,8 @@ _TIME_DECIMALS: Final = 6
 def write_clinical_table(path: str | Path, hands: ExportedHands) -> Path:
     """Write a CSV file with a row per hand and frame, hand by hand; folders are made.
 
-    `scene` is the photograph's name or `clip`; `seen` is 0 where a gap of a clip was bridged, and 1
+    `scene` is the beginning of the names of the other files, and `image` the photograph's name as the file of
+    hands has it, empty for a clip; `seen` is 0 where a gap of a clip was bridged, and 1
     elsewhere.
 
     Args:
@@ -37,7 +39,7 @@ def write_clinical_table(path: str | Path, hands: ExportedHands) -> Path:
     writer.writerow(COLUMNS)
     for scene, hand in hands:
         writer.writerows(_rows(scene, hand))
-    return write_new(path, stream.getvalue().encode("utf-8"))
+    return write_new(path, stream.getvalue().encode("utf-8", "backslashreplace"))
 
 
 def _rows(scene: Scene, hand: ExportedHand) -> Iterator[list[object]]:
@@ -48,4 +50,4 @@ def _rows(scene: Scene, hand: ExportedHand) -> Iterator[list[object]]:
         motion.frames.tolist(), motion.times.round(_TIME_DECIMALS).tolist(),
         motion.observed.astype(int).tolist(), degrees.tolist(), strict=True,
     ):  # fmt: skip
-        yield [scene.name, motion.hand, motion.side, frame, time, seen, *angles]
+        yield [scene.name, scene.image or "", motion.hand, motion.side, frame, time, seen, *angles]

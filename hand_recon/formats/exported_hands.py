@@ -23,7 +23,8 @@ logger = logging.getLogger(__name__)
 CLIP: Final = "clip"
 """Name of the scene of a clip."""
 
-_LONGEST_NAME: Final = 80
+_LONGEST_NAME: Final = 120
+"""Bytes of a scene's name; file systems take 255, with what formats add."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ def exported_hands(records: HandRecords, hand: HandModel) -> ExportedHands:
     left_out = len(records) - len(rows)
     if not rows:
         raise ValueError(
-            f"Found no fitted hand among {len(records)} in the file of hands; expected one or more. The "
-            "reasons are in it, under `reasons`."
+            f"Found no fitted hand among {len(records)} in the file of hands; expected one or more. "
+            + ("The reasons are in it, under `reasons`." if len(records) else "The file is empty.")
         )
     if left_out:
         logger.warning("Left out %d of %d hands, which are not fitted.", left_out, len(records))
@@ -187,7 +188,8 @@ def _named(
     for (kind, key), hands in scenes.items():
         given = records.names[key] if isinstance(key, int) else key
         stem = re.sub(r"\.[A-Za-z0-9]{1,5}$", "", given) if kind == "image" else given
-        stem = re.sub(r"[^\w.-]+", "-", stem).strip("-.")[:_LONGEST_NAME] or "hand"
+        stem = re.sub(r"[^\w.-]+", "-", stem).strip("-.")
+        stem = stem.encode()[:_LONGEST_NAME].decode(errors="ignore") or "hand"
         name, number = stem, 2
         # Some file systems do not tell capitals from small letters.
         while name.lower() in taken:

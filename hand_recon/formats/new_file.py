@@ -34,7 +34,8 @@ def refuse_existing(paths: Iterable[Path]) -> None:
         FileExistsError: There is a file or folder of one of these names.
     """
     for path in paths:
-        if path.exists():
+        # A link to nowhere is a file of the user, too.
+        if path.exists() or path.is_symlink():
             raise FileExistsError(_exists(path))
 
 

@@ -1,11 +1,13 @@
 """Formats by their names: files, refusals, and nothing that is replaced."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hand_recon.formats.by_name import FORMATS, check, write
+from hand_recon.formats.new_file import refuse_existing
 from hand_recon.hand.model import HandModel
 from tests.support.exported import clip, photographs
 
@@ -47,6 +49,25 @@ def test_photographs_have_files_of_their_own_that_are_not_replaced(
     with pytest.raises(FileExistsError, match=r"exists and is not overwritten"):
         write(name, photographs(hand), tmp_path)
     assert {path: path.read_bytes() for path in written} == before
+
+
+def test_the_table_names_the_photographs_as_the_file_of_hands_has_them(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    (path,) = write("csv", photographs(hand), tmp_path)
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = [(row["scene"], row["image"]) for row in csv.DictReader(stream)]
+    assert rows == [("two-hands", "two hands.jpg")] * 2 + [("b-far", "b/far.png")]
+    (path,) = write("csv", clip(hand), tmp_path / "clip")
+    with path.open(encoding="utf-8", newline="") as stream:
+        assert {row["image"] for row in csv.DictReader(stream)} == {""}
+
+
+def test_a_link_to_nowhere_is_not_replaced(tmp_path: Path) -> None:
+    link = tmp_path / "clip.obj"
+    link.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(FileExistsError, match=r"clip\.obj exists and is not overwritten"):
+        refuse_existing([link])
 
 
 def test_unknown_formats_missing_packages_and_other_hands_are_refused(

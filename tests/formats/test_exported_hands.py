@@ -2,12 +2,15 @@
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hand_recon.fitting.hand_records import joined_records
+from hand_recon.fitting.hands_file import to_records
+from hand_recon.formats.by_name import write
 from hand_recon.formats.exported_hands import exported_hands
 from hand_recon.hand.model import HandModel
 from tests.support.exported import clip, clip_hands, photographs, records_of
@@ -69,6 +72,21 @@ def test_hands_that_are_not_fitted_are_left_out_aloud(
     assert "Left out 1 of 2 hands, which are not fitted." in caplog.text
     with pytest.raises(ValueError, match="Found no fitted hand among 1"):
         exported_hands(failed, hand)
+
+
+def test_an_empty_file_has_no_reasons_to_look_at(hand: HandModel) -> None:
+    with pytest.raises(ValueError, match=r"Found no fitted hand among 0 .*The file is empty\.$"):
+        exported_hands(to_records([], "hands.json"), hand)
+
+
+def test_long_names_of_other_scripts_are_cut_to_what_file_systems_take(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    one = records_of(still_hand(), hand, image=f"{'手' * 80}.jpg", of_clip=False)
+    hands = exported_hands(joined_records([one, one]), hand)
+    assert hands.scenes[0].name == "手" * 40
+    for path in write("mot", hands, tmp_path):
+        assert path.is_file()
 
 
 def test_hands_of_another_model_are_refused_with_the_cure(hand: HandModel) -> None:
