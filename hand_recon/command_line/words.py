@@ -220,7 +220,7 @@ class _Translation:
         """
         if key in self.verb.path_keys:
             value = self._path_value(key, value, verbatim=verbatim)
-        elif key in self.verb.lists and not self.multirun and re.fullmatch(r"[\w,]+", value):
+        elif key in self.verb.lists and not self.multirun and re.fullmatch(r"[\w, ]+", value):
             value = f"[{value}]"
         return f"{sign}{key}={value}"
 

@@ -10,11 +10,12 @@ from omegaconf import DictConfig, open_dict
 
 from hand_recon.command_line.resolvers import MANO_HAND
 from hand_recon.fitting.hands_file import read_hands
-from hand_recon.formats.by_name import FORMATS, check, format_named, write
+from hand_recon.formats.by_name import FORMATS, check, write
 from hand_recon.formats.exported_hands import ExportedHands, exported_hands
 from hand_recon.formats.new_file import refuse_existing
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_hand, configure_process
+from hand_recon.runs.lifters import DEFAULT
 from hand_recon.runs.unfinished import results_folder
 
 logger = logging.getLogger(__name__)
@@ -38,9 +39,15 @@ def export(config: DictConfig) -> dict[str, Any]:
     names = format_names(config.format)
     if ONNX in names:
         return _export_network(config, names)
-    formats = [format_named(name) for name in names]
+    unknown = [name for name in names if name not in FORMATS]
+    if unknown:
+        raise ValueError(
+            f"Unknown format {unknown[0]!r}; expected one or more of {', '.join(FORMATS)}, or {ONNX} for a "
+            "network."
+        )
+    formats = [FORMATS[name] for name in names]
     configure_process(config.threads)
-    hands = exported_hands(read_hands(config.source), export_hand(config))
+    hands = exported_hands(read_hands(_source(config.source)), export_hand(config))
     for one in formats:
         check(one, hands)
     folder = results_folder(config)
@@ -74,6 +81,24 @@ def format_names(given: str | Sequence[str]) -> list[str]:
     return names
 
 
+def _source(given: str) -> Path:
+    """The file of hands; refuse folders and networks with the name to give."""
+    path = Path(given).expanduser()
+    if path.is_dir():
+        files = [path / f"hands{suffix}" for suffix in (".json", ".jsonl")]
+        found = next((file for file in files if file.is_file()), None)
+        raise FileNotFoundError(
+            f"{path} is a folder; expected a file of hands. "
+            + (f"Give {found}." if found else "For the ONNX file of a run, add format=onnx.")
+        )
+    if given == DEFAULT and not path.exists():
+        raise FileNotFoundError(
+            f"{DEFAULT} is the packaged lifter, a network; expected a file of hands. For its ONNX file, add "
+            "format=onnx."
+        )
+    return path
+
+
 def _export_network(config: DictConfig, names: Sequence[str]) -> dict[str, Any]:
     """Write a network; see `hand_recon.runs.onnx_run`."""
     if len(names) > 1:
@@ -101,7 +126,23 @@ def export_hand(config: DictConfig) -> HandModel:
 
 def _write_all(names: Sequence[str], hands: ExportedHands, folder: Path) -> list[Path]:
     """Write all formats beside the results, and move them there if nothing is replaced."""
-    folder.mkdir(parents=True, exist_ok=True)
+    is_new = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileExistsError(
+            f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
+        ) from error
+    try:
+        return _write_and_move(names, hands, folder)
+    finally:
+        # After an error a new folder is empty.
+        if is_new and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def _write_and_move(names: Sequence[str], hands: ExportedHands, folder: Path) -> list[Path]:
+    """Write all formats into a folder in the results' own, and then move them out of it."""
     with tempfile.TemporaryDirectory(prefix=".export-", dir=folder) as made:
         parts = [path.relative_to(made) for name in names for path in write(name, hands, made)]
         refuse_existing(folder / part for part in parts)

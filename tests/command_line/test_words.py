@@ -188,6 +188,7 @@ def test_names_of_a_list_are_written_with_commas_alone() -> None:
     expected = ["source='a.json'", "format=[glb,bvh]"]
     assert overrides("export", "a.json", "format=glb,bvh") == expected
     assert overrides("export", "a.json", "--format", "glb,bvh") == expected
+    assert overrides("export", "a.json", "format=glb, bvh")[1] == "format=[glb, bvh]"
     assert overrides("export", "a.json", "format=[glb,bvh]") == expected
     # In a sweep, commas are Hydra's.
     assert "format=glb,bvh" in overrides("export", "-m", "a.json", "format=glb,bvh")

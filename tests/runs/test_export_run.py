@@ -13,6 +13,7 @@ from hand_recon.fitting.hands_file import writing_hands
 from hand_recon.formats.by_name import FORMATS
 from hand_recon.hand.mano.hand import mano_hand
 from hand_recon.hand.model import HandModel
+from hand_recon.runs import export_run
 from hand_recon.runs.export_run import export, export_hand, format_names
 from tests.support.configurations import composed
 from tests.support.exported import clip_hands, records_of
@@ -58,13 +59,51 @@ def test_after_a_refusal_nothing_was_written(hand: HandModel, tmp_path: Path) ->
         export(asked(f"source={source}", "format=[csv,glb]", f"output={output}"))
     assert names_below(output) == {"clip.glb"}
     assert (output / "clip.glb").read_text() == "mine"
-    with pytest.raises(ValueError, match="Unknown format 'fbx'"):
+    with pytest.raises(ValueError, match=r"Unknown format 'fbx'; .*rerun, or onnx for a network"):
         export(asked(f"source={source}", "format=[csv,fbx]", f"output={output}"))
     with pytest.raises(ValueError, match="format=mano needs hands of the hand model mano"):
         export(asked(f"source={source}", "format=[csv,mano]", f"output={output}"))
     assert names_below(output) == {"clip.glb"}
     with pytest.raises(FileNotFoundError, match="No file of hands at"):
         export(asked(f"source={tmp_path / 'none.json'}", f"output={output}"))
+
+
+def test_a_folder_is_not_left_behind_by_an_error(
+    hand: HandModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = write_file(tmp_path / "hands.json", records_of(still_hand(), hand))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(export_run, "write", interrupted)
+    for name, left in (("new", False), ("mine", True)):
+        if left:
+            (tmp_path / name).mkdir()
+        with pytest.raises(KeyboardInterrupt):
+            export(asked(f"source={source}", f"output={tmp_path / name}"))
+        assert (tmp_path / name).exists() == left
+
+
+def test_a_file_in_place_of_the_folder_is_refused_with_the_cure(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    source = write_file(tmp_path / "hands.json", records_of(still_hand(), hand))
+    for output in (source, source / "new"):
+        with pytest.raises(FileExistsError, match=r"cannot be made .* with output="):
+            export(asked(f"source={source}", f"output={output}"))
+
+
+def test_sources_that_hold_no_hands_are_refused_with_what_to_give(
+    hand: HandModel, tmp_path: Path
+) -> None:
+    with pytest.raises(FileNotFoundError, match=r"is a folder.*For the ONNX file of a run"):
+        export(asked(f"source={tmp_path}", f"output={tmp_path}"))
+    source = write_file(tmp_path / "hands.json", records_of(still_hand(), hand))
+    with pytest.raises(FileNotFoundError, match=rf"is a folder.*Give {source}\."):
+        export(asked(f"source={tmp_path}", f"output={tmp_path}"))
+    with pytest.raises(FileNotFoundError, match=r"packaged lifter.*add format=onnx"):
+        export(asked("source=default", f"output={tmp_path}"))
 
 
 def test_hands_of_mano_need_mano(tmp_path: Path) -> None:
