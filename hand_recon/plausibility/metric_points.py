@@ -16,6 +16,10 @@ MEAN_DIAGONAL: Final = 0.2
 """Diagonal of the box around an adult's hand, metres, that hands of unknown unit are given in the median."""
 
 
+_PIXELS: Final = 20.0
+"""Least extent of pixels; 3D points of this extent and less than 1 of depth are no hand."""
+
+
 def without_placeholders(hands: GivenHands) -> GivenHands:
     """Take hands whose points are all one point, such as zeros, as missing.
 
@@ -39,7 +43,7 @@ def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
         order: A key of `LANDMARK_ORDERS`, or `auto` to recognise it by the lengths of the bones.
 
     Raises:
-        ValueError: The order is unknown.
+        ValueError: The order is unknown, or the points are pixels with a confidence.
     """
     if order != "auto" and order not in LANDMARK_ORDERS:
         raise ValueError(
@@ -51,6 +55,7 @@ def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
         # Files of hands and of MANO's parameters name unit and order.
         if any(hands.hand_models[row] for row in rows) or not own.isfinite().any():
             continue
+        _refuse_pixels(own, file)
         factor, unit = metres_per_unit(own)
         if unit is None:
             notes.append(
@@ -65,6 +70,20 @@ def in_metres(hands: GivenHands, order: str = "auto") -> GivenHands:
             notes.append(f"{file}: the landmarks are in the order {found}.")
         points[rows] = own * factor
     return replace(hands, points=points, notes=(*hands.notes, *notes))
+
+
+def _refuse_pixels(points: Float[Tensor, "hand landmark=21 3"], file: str) -> None:
+    """Refuse pixels with a confidence, whose third number is a share and hardly differs beside the others."""
+    found = points[points.isfinite().all(dim=-1)]
+    third = found[:, 2]
+    size = (
+        float((found[:, :2].amax(dim=0) - found[:, :2].amin(dim=0)).norm()) if len(found) else 0.0
+    )
+    if size > _PIXELS and float(third.min()) >= 0 and float(third.max()) <= 1:
+        raise ValueError(
+            f"{file} holds 2D landmarks in pixels with a confidence; expected 3D points. Fit them first: "
+            f"hand-recon fit {file}, and audit the hands.json that it writes."
+        )
 
 
 def metres_per_unit(points: Float[Tensor, "hand landmark=21 3"]) -> tuple[float, str | None]:

@@ -62,3 +62,11 @@ def test_landmarks_among_the_joints_of_headsets() -> None:
     assert to_landmarks(with_palm)[:, 0].tolist() == expected
     with pytest.raises(ValueError, match="A hand has 24 points; expected 21 landmarks"):
         to_landmarks(joints[:24])
+
+
+def test_pixels_with_a_confidence_are_no_points() -> None:
+    points = torch.rand(2, 21, 3) * torch.tensor([200.0, 200.0, 1.0])
+    with pytest.raises(
+        ValueError, match="holds 2D landmarks in pixels with a confidence; expected 3D"
+    ):
+        in_metres(of_points(points, "hands.json"))

@@ -174,6 +174,14 @@ def _name(row: dict[str, Any], number: int) -> str:
 
 def _points(path: Path, values: object) -> Float[Tensor, "... landmark=21 3"]:
     """Points as 21 landmarks; null is missing."""
+    if isinstance(values, list) and any(isinstance(one, list) for one in values):
+        first = next(one for one in values if isinstance(one, list))
+        if len(first) == 2:
+            raise ValueError(
+                f"{path} holds points of two numbers, 2D landmarks; expected 3D ones. Fit them first: "
+                f"hand-recon fit {path}, and audit the hands.json that it writes."
+            )
+        values = [[None] * len(first) if one is None else one for one in values]
     try:
         array = np.array(values, dtype=np.float64)
     except (ValueError, TypeError) as error:

@@ -290,3 +290,9 @@ def test_both_hands_of_a_person_are_two_sequences(
     assert found.sequences[::2] == (f"{tmp_path / 'a.json'} left",) * 2
     assert found.sequences[1::2] == (f"{tmp_path / 'a.json'} right",) * 2
     assert found.times.tolist() == pytest.approx([0, 0, 1 / 30, 1 / 30])
+
+
+def test_2d_landmarks_are_sent_to_the_fit(hand: HandModel, tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text(json.dumps([{"landmarks": [None, *[[3.0, 4.0]] * 20]}]))
+    with pytest.raises(ValueError, match=r"2D landmarks; expected 3D ones\. Fit them first"):
+        read(hand, tmp_path)
