@@ -14,6 +14,7 @@ from hand_recon.plausibility.audit import Audit
 from hand_recon.plausibility.given_hands import GivenCamera, as_array, rows_by
 from hand_recon.plausibility.posed_hands import MIRROR, HandModels, PosedHands
 from hand_recon.plausibility.repair import Repair
+from hand_recon.plausibility.verdicts import IMPLAUSIBLE, NOT_AUDITED, PLAUSIBLE
 from hand_recon.schema import HandParameters
 
 SOURCE: Final = "audit, repair"
@@ -24,6 +25,9 @@ NOT_REPAIRED: Final = (
     "Give hand=mano for these."
 )
 """Reason of hands without a result."""
+
+_WORDS: Final = {PLAUSIBLE: "plausible", IMPLAUSIBLE: "doubtful", NOT_AUDITED: "not fitted"}
+"""Verdicts of a file of hands; those of a repair are plausible unless limits are set below its own."""
 
 NO_CAMERA: Final = GivenCamera(
     np.array([[500.0, 0.0, 112.0], [0.0, 500.0, 112.0], [0.0, 0.0, 1.0]]), "none", None, None
@@ -130,8 +134,11 @@ def to_records(found: RepairedHands, version: str) -> HandRecords:
         names=given.names,
         images=tuple(camera.image for camera in cameras),
         sides=tuple("left" if left else "right" for left in hands.left.tolist()),
-        verdicts=tuple("plausible" if one else "not fitted" for one in posed),
-        reasons=tuple(() if one else (NOT_REPAIRED,) for one in posed),
+        verdicts=tuple(_WORDS[one.value] for one in found.after.verdicts),
+        reasons=tuple(
+            one.reasons if fitted else (NOT_REPAIRED,)
+            for one, fitted in zip(found.after.verdicts, posed, strict=True)
+        ),
         cameras=tuple(
             camera.source if one else None for camera, one in zip(cameras, posed, strict=True)
         ),

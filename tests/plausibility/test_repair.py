@@ -1,6 +1,7 @@
 """The nearest plausible hand."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,6 +10,7 @@ from hand_recon.data.synthetic.unnatural import KINDS
 from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import hand_entries
 from hand_recon.fitting.hands_file import to_records as checked
+from hand_recon.fitting.origin import Moment
 from hand_recon.hand.model import HandModel
 from hand_recon.plausibility.given_hands import of_points
 from hand_recon.plausibility.repaired_hands import RepairedHands, repaired, to_records
@@ -128,3 +130,16 @@ def test_a_left_hand_comes_back_as_the_points_have_it(hand: HandModel) -> None:
                torch.from_numpy(records.shape).float()).landmarks[0].double().numpy()  # fmt: skip
     posed = (own @ rotation.T + mirror * records.translation[0]) * mirror
     assert posed == pytest.approx(records.landmarks_3d[0], abs=1e-5)
+
+
+def test_a_repair_beyond_the_limits_of_the_audit_is_doubtful(hand: HandModel) -> None:
+    found = repaired(audit_of(given_angles(bent()), hand, shape=0.01), models_of(hand))
+    records = written(to_records(found, "0"))
+    assert records.verdicts == ("doubtful",)
+    assert "standard deviations from the mean hand" in records.reasons[0][0]
+
+
+def test_frames_of_a_clip_keep_their_numbers(hand: HandModel) -> None:
+    moments = (Moment(2, 5, 0.2), Moment(2, 9, 0.4, seen=False))
+    given = replace(given_angles(torch.cat([bent(), bent()])), moments=moments)
+    assert to_records(repair_of(given, hand), "0").moments == moments
