@@ -1,45 +1,49 @@
 """The webcam's connection: an image comes, its hands go back, and only then does the page send the next."""
 
+import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from typing import Final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hand_recon.page.bounds import Bounds
 from hand_recon.page.worker import BusyError, TookTooLongError, Worker, WorkerEndedError
 
-
-@dataclass
-class _Use:
-    """The connection that has the webcam's place; None if it is free."""
-
-    owner: WebSocket | None = field(default=None)
+WAIT: Final = 3.0
+"""Time for the connection before to end, seconds: a page's own, whose last image is still worked on."""
 
 
-def webcam(worker: Worker, bounds: Bounds) -> Callable[[WebSocket], Awaitable[None]]:
+def webcam(
+    worker: Worker, bounds: Bounds, wait: float = WAIT
+) -> Callable[[WebSocket], Awaitable[None]]:
     """Endpoint of the webcam, for one page at a time.
 
     Args:
         worker: Finds and fits the hands.
         bounds: Most bytes of an image.
+        wait: Time for the connection before to end, seconds.
     """
-    use = _Use()
+    place = asyncio.Lock()
 
     async def endpoint(socket: WebSocket) -> None:
         await socket.accept()
-        if use.owner is not None:
-            await socket.send_json(
-                {"error": "Another page uses its camera; expected one at a time. Stop it there."}
-            )
-            await socket.close(code=1013)
-            return
-        use.owner = socket
-        try:
-            await _answer(socket, worker, bounds)
-        except WebSocketDisconnect:
-            pass
-        finally:
-            use.owner = None
+        with contextlib.suppress(WebSocketDisconnect):
+            try:
+                async with asyncio.timeout(wait):
+                    await place.acquire()
+            except TimeoutError:
+                await socket.send_json(
+                    {
+                        "error": "Another page uses its camera; expected one at a time. Stop it there."
+                    }
+                )
+                await socket.close(code=1013)
+                return
+            try:
+                await _answer(socket, worker, bounds)
+            finally:
+                place.release()
 
     return endpoint
 

@@ -150,6 +150,12 @@ def test_the_webcam_s_hand_is_followed_and_its_image_can_be_kept(
         page.wait_for_timeout(400)
     assert np.ptp(places) > 2
     assert "images per second" in page.inner_text("#status")
+    # After the stop, the last image stays below its hand.
+    page.click("#webcam")
+    assert page.locator("#live").is_visible()
+    assert page.locator("#stage.is-mirrored").count() == 1
+    page.click("#webcam")
+    page.wait_for_selector("#keep:not([hidden])")
     page.click("#keep")
     page.wait_for_selector("#ladder:not([hidden])")
     assert page.get_by_text("Use the webcam").is_visible()
@@ -173,6 +179,43 @@ def test_a_large_file_and_a_bad_one_are_refused_and_the_next_is_taken(
     page.wait_for_selector("#facts:not([hidden])")
     assert page.locator("#error").is_hidden()
     assert page.locator(".hand-facts").count() == 2
+
+
+def test_without_a_camera_the_hand_before_stays(browser: Any, address: str) -> None:  # noqa: ANN401
+    page, wrong = opened(browser, address)
+    page.set_input_files("#file", ROOT / "examples" / "hand.jpg")
+    page.wait_for_selector("#rows input[value=none]:enabled")
+    page.evaluate("""() => {
+      navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("", "NotFoundError"));
+    }""")
+    page.click("#webcam")
+    page.wait_for_selector("#error:has-text('NotFoundError')")
+    page.check("#rows input[value=ranges]", force=True)
+    assert "Every joint stays inside the range" in page.inner_text("#row-sentence")
+    assert page.locator("#photo").is_visible()
+    assert wrong == []
+
+
+def test_without_a_3d_view_the_rest_of_the_page_goes_on(browser: Any, address: str) -> None:  # noqa: ANN401
+    context = browser.new_context()
+    context.add_init_script("HTMLCanvasElement.prototype.getContext = () => null;")
+    page = context.new_page()
+    page.set_default_timeout(WAIT)
+    page.goto(address)
+    page.wait_for_selector("#error:has-text('has no WebGL')")
+    page.set_input_files("#file", ROOT / "examples" / "hand.jpg")
+    page.wait_for_selector("#facts:not([hidden])")
+    assert page.inner_text("#scene-empty") == "No WebGL, and so no 3D view"
+    assert page.inner_text("#hands h3").startswith("Right hand")
+    assert page.locator("#overlay circle").count() == 21
+
+
+def test_the_keyboard_s_place_is_shown_on_one_button(browser: Any, address: str) -> None:  # noqa: ANN401
+    page, _ = opened(browser, address)
+    page.keyboard.press("Tab")
+    marked = page.evaluate("""() => [...document.querySelectorAll('.button')]
+      .filter((one) => getComputedStyle(one).outlineStyle === 'solid').map((one) => one.textContent)""")
+    assert marked == ["Open a file…"]
 
 
 def test_a_clip_is_played(browser: Any, address: str, results: Path) -> None:  # noqa: ANN401

@@ -181,6 +181,21 @@ def test_one_page_at_a_time_has_the_webcam_and_the_next_has_it_afterwards(
         assert third.receive_json() == {"hands": 2}
 
 
+def test_a_page_that_stops_and_starts_again_has_the_webcam(
+    client: TestClient, scripted: Scripted
+) -> None:
+    """The connection before ends a moment later, when its last image is done."""
+    headers = {"host": "127.0.0.1"}
+    with (
+        client.websocket_connect("/api/live", headers=headers) as first,
+        client.websocket_connect("/api/live", headers=headers) as second,
+    ):
+        second.send_bytes(b"image")
+        first.close()
+        assert second.receive_json() == {"hands": 1}
+    assert scripted.firsts == [True]
+
+
 def test_a_detector_of_files_is_refused_for_a_webcam(hand: HandModel) -> None:
     config = row_config(ROWS[-1], demo_config("detector=landmarks", "detector.landmarks=a.json"))
     with pytest.raises(ValueError, match="detector=landmarks looks hands up by the file"):

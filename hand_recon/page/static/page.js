@@ -4,6 +4,7 @@ import { asked, sent } from "./requests.js";
 import { drawOverlay, shownPlane } from "./overlay.js";
 import { HandScene } from "./scene.js";
 import { cameraSentence, fillDownloads, fillHands, fillRows, made, rowSentence } from "./facts.js";
+import { listenForFiles } from "./dropping.js";
 import { Player } from "./player.js";
 import { Webcam } from "./webcam.js";
 
@@ -14,6 +15,7 @@ let about, scene;
 const player = new Player(
   { play: at("play"), slider: at("frame"), label: at("frame-label"), video: at("video") },
   (views, frame) => showViews(views, { isNew: frame === 0 && !state.views.length, animate: false }),
+  tell,
 );
 const webcam = new Webcam(at("video"), { onHands: showLive, onEnd: liveEnded });
 
@@ -62,9 +64,10 @@ function tell(sentence) {
 function open(result) {
   player.close();
   webcam.stop();
+  at("live").hidden = true;
   Object.assign(state, { result, views: [], size: result.image ? [result.image.width, result.image.height] : null });
   at("views").classList.remove("is-empty");
-  at("empty").hidden = at("scene-empty").hidden = true;
+  at("empty").hidden = true;
   at("photo").hidden = !result.image;
   if (result.image) Object.assign(at("photo"), { src: result.image.url, alt: `The photograph ${result.name}` });
   const isPlayed = Boolean(result.frames);
@@ -73,6 +76,8 @@ function open(result) {
   const isEmpty = !isPlayed && !Object.keys(result.rows).length;
   at("facts").hidden = at("photo-options").hidden = false;
   at("scene-options").hidden = at("legend").hidden = isEmpty;
+  if (isEmpty || scene.isMissing) at("scene-empty").textContent = isEmpty ? "No hand, and so nothing to rotate" : "No WebGL, and so no 3D view";
+  at("scene-empty").hidden = !(isEmpty || scene.isMissing);
   at("which-label").hidden = true;
   state.which = null;
   at("notes").replaceChildren(...(result.notes ?? []).map((note) => made("li", note)));
@@ -176,15 +181,23 @@ function overlay() {
 async function startWebcam() {
   tell("");
   player.close();
-  state.work++;
-  Object.assign(state, { result: null, views: [], which: null, row: about.rows.at(-1).key });
-  showVideo(false);
+  const number = ++state.work;
+  at("webcam").disabled = true;
   try {
     await webcam.start();
   } catch (error) {
     tell(error.message);
     return;
+  } finally {
+    at("webcam").disabled = false;
   }
+  // A file was given while the browser asked for permission.
+  if (number !== state.work) {
+    webcam.stop();
+    return;
+  }
+  showVideo(false);
+  Object.assign(state, { result: null, views: [], which: null, row: about.rows.at(-1).key });
   at("views").classList.remove("is-empty");
   at("empty").hidden = at("scene-empty").hidden = at("photo").hidden = at("working").hidden = true;
   at("ladder").hidden = at("facts").hidden = at("player").hidden = true;
@@ -213,9 +226,10 @@ function showLive(found, rate) {
 function liveEnded(error) {
   at("webcam").textContent = "Use the webcam";
   at("webcam").classList.remove("is-on");
-  at("keep").hidden = at("video").hidden = at("live").hidden = true;
-  at("stage").classList.remove("is-mirrored");
+  // The last image stays with its hands.
+  at("keep").hidden = at("video").hidden = true;
   if (error) tell(error);
+  if (at("live").hidden && !state.result) at("empty").hidden = false;
   if (!state.result) at("status").textContent = "";
 }
 
@@ -240,24 +254,8 @@ function listen() {
   });
   for (const id of ["show-ghost", "show-ellipsoids"]) at(id).addEventListener("change", () => showViews(state.views));
   at("reset-view").addEventListener("click", () => scene.fromCamera?.());
-  const views = at("views");
-  let inside = 0;
-  const mark = (by) => {
-    inside = Math.max(0, inside + by);
-    at("drop").classList.toggle("is-over", inside > 0);
-  };
-  window.addEventListener("dragenter", () => mark(1));
-  window.addEventListener("dragleave", () => mark(-1));
-  window.addEventListener("dragover", (event) => event.preventDefault());
-  window.addEventListener("drop", (event) => {
-    event.preventDefault();
-    mark(-inside);
-    if (event.dataTransfer.files[0]) openFile(event.dataTransfer.files[0]);
-  });
-  window.addEventListener("paste", (event) => {
-    if (event.clipboardData.files[0]) openFile(event.clipboardData.files[0]);
-  });
-  new ResizeObserver(overlay).observe(views);
+  listenForFiles(at("drop"), openFile, tell);
+  new ResizeObserver(overlay).observe(at("views"));
 }
 
 function offerExamples() {
@@ -277,10 +275,16 @@ async function begin() {
   listen();
   try {
     about = await asked("api/about");
-    scene = new HandScene(at("scene"), about.model);
   } catch (error) {
-    tell(/WebGL/.test(error.message) ? "This browser shows no WebGL; expected it for the 3D hand. Switch its hardware acceleration on." : error.message);
+    tell(error.message);
     return;
+  }
+  try {
+    scene = new HandScene(at("scene"), about.model);
+  } catch {
+    // Everything but the 3D view goes on.
+    scene = { isMissing: true, show() {} };
+    tell("This browser has no WebGL; expected it for the 3D hand. Switch its hardware acceleration on, and reload the page.");
   }
   at("version").textContent = `hand_recon ${about.version}.`;
   offerExamples();

@@ -5,8 +5,15 @@ import { asked } from "./requests.js";
 const BLOCK = 40;
 
 export class Player {
-  constructor({ play, slider, label, video }, onFrame) {
-    Object.assign(this, { play, slider, label, video, onFrame });
+  constructor({ play, slider, label, video }, onFrame, onError) {
+    Object.assign(this, { play, slider, label, video, onFrame, onError });
+    // Hands are played by themselves beside a video that this browser does not play.
+    video.addEventListener("error", () => {
+      if (!this.result) return;
+      this.hasVideo = this.result.hasVideo = false;
+      video.hidden = true;
+      this.go(this.frame, false);
+    });
     play.addEventListener("click", () => this.isPlaying ? this.pause() : this.start());
     slider.addEventListener("input", () => { this.pause(); this.go(Number(slider.value), true); });
   }
@@ -63,9 +70,17 @@ export class Player {
     this.slider.value = frame;
     this.label.textContent = result.kind === "clip" ? `${label} · ${time.toFixed(2)} s` : `${label} (${frame + 1} of ${result.frames.length})`;
     if (seek && this.hasVideo) this.video.currentTime = time;
-    const views = await this.views(frame);
-    if (this.result === result && this.frame === frame) this.onFrame(views, frame);
-    if (frame + BLOCK / 2 < result.frames.length) this.views(frame + BLOCK / 2);
+    try {
+      const views = await this.views(frame);
+      if (this.result !== result) return;
+      if (this.frame === frame) this.onFrame(views, frame);
+      if (frame + BLOCK / 2 < result.frames.length) await this.views(frame + BLOCK / 2);
+    } catch (error) {
+      this.blocks.clear();
+      if (this.result !== result) return;
+      this.pause();
+      this.onError(error.message);
+    }
   }
 
   async views(frame) {

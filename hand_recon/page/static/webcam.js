@@ -1,6 +1,7 @@
 // The webcam: one image is sent, and the next only when its hands have come back.
 
 const WIDTH = 640;
+const ENDED = "The server ended the webcam's connection; expected it to go on. See whether hand-recon demo still runs, and start the webcam again.";
 
 export class Webcam {
   constructor(video, { onHands, onEnd }) {
@@ -30,7 +31,7 @@ export class Webcam {
     this.times = [];
     socket.addEventListener("open", () => this.send());
     socket.addEventListener("message", (event) => this.answered(JSON.parse(event.data)));
-    socket.addEventListener("close", () => { if (this.socket === socket) this.stop(this.refusal); });
+    socket.addEventListener("close", () => { if (this.socket === socket) this.stop(this.refusal ?? ENDED); });
   }
 
   // The image is sent as the camera has it; only the display is mirrored.
