@@ -147,6 +147,7 @@ def _worst(folder: Path, audit: Audit, models: HandModels, count: int) -> list[P
         target.parent.mkdir(exist_ok=True)
         cv2.imwrite(str(target), draw_hand(audit, models, row)[..., ::-1])
         given, verdict = audit.hands.given, audit.verdicts[row]
-        name = f"{place}. {given.names[row]} ({Path(given.files[row]).name})"
+        side = "left" if bool(audit.hands.left[row]) else "right"
+        name = f"{place}. {given.names[row]} ({Path(given.files[row]).name}, {side} hand)"
         pictures.append(PictureOfHand(f"worst/{target.name}", name, verdict.value, verdict.reasons))
     return pictures

@@ -1,6 +1,6 @@
 """Drawings of audited hands: the hand from two sides, with the joints that violate a limit in red."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -61,17 +61,19 @@ class Drawn:
     """Triangles."""
     marks: dict[int, tuple[str, Colour]]
     """Text and colour for each landmark whose joint violates a range."""
+    left: bool = False
+    """True for left hands, of which all this is the mirror image."""
 
 
 def draw_hand(audit: Audit, models: HandModels, row: int) -> Image:
-    """Draw a hand from the palm and from the thumb.
+    """Draw a hand from the palm and from the thumb, a left hand as a left hand.
 
     Args:
         audit: The audit.
         models: Hand models.
         row: The hand.
     """
-    drawn = _in_own_frame(audit, models, row)
+    drawn = replace(_in_own_frame(audit, models, row), left=bool(audit.hands.left[row]))
     return np.concatenate([_view(drawn, name) for name in _VIEWS], axis=1)
 
 
@@ -126,6 +128,9 @@ def _view(drawn: Drawn, name: str) -> Image:
         image = shade(placed(drawn.vertices), drawn.faces, camera, SIDE).over(image, opacity=0.55)
     pixels = placed(drawn.points) @ camera.T
     pixels = pixels[:, :2] / pixels[:, 2:]
+    if drawn.left:
+        image = np.ascontiguousarray(image[:, ::-1])
+        pixels[:, 0] = SIDE - pixels[:, 0]
     image = draw_landmarks(image, pixels)
     margin = np.full((SIDE, MARGIN, 3), 255, dtype=np.uint8)
     whole = np.ascontiguousarray(np.concatenate([margin, image], axis=1))

@@ -1,5 +1,6 @@
 """Drawings, the map and the page of an audit."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,17 @@ def test_joints_beyond_the_limit_are_red_and_lesser_violations_orange(hand: Hand
     assert found[0].shape == (SIDE, 2 * (SIDE + MARGIN), 3)
     counts = [(pixels_of(image, RED) > 50, pixels_of(image, ORANGE) > 50) for image in found]
     assert counts == [(True, False), (False, True), (False, False)]
+
+
+def test_a_left_hand_is_drawn_as_the_mirror_image_of_a_right_one(hand: HandModel) -> None:
+    models, given = models_of(hand), given_angles(bent(index_PIP_bend=60))
+    right, left = (
+        draw_hand(audit_of(replace(given, left=(side,)), hand), models, 0) for side in (False, True)
+    )
+    for start in (MARGIN, SIDE + 2 * MARGIN):
+        views = [image[: SIDE - 40, start : start + SIDE].astype(int) for image in (right, left)]
+        assert np.abs(views[1][:, ::-1] - views[0]).mean() < 2.0
+        assert np.abs(views[1] - views[0]).mean() > 5.0
 
 
 def test_hands_with_missing_points_and_without_a_mesh_are_drawn(hand: HandModel) -> None:
