@@ -155,7 +155,7 @@ def _of_points(
 
 def _as_points(path: Path, key: str, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{path}: {key} holds {array.dtype}; expected numbers.")
+        raise ValueError(f"{path}: {key or 'the array'} holds {array.dtype}; expected numbers.")
     if array.ndim and array.shape[-1] in [3 * count for count in COUNTS]:
         array = array.reshape(*array.shape[:-1], -1, 3)
     if array.ndim == 2:
@@ -173,6 +173,10 @@ def _of_pose(
 ) -> GivenHands:
     """Hands of MANO's parameters."""
     pose = arrays[key]
+    if pose.ndim == 0 or not pose.size:
+        raise ValueError(
+            f"{path}: {key} has the shape {pose.shape}; expected rotations of 15 joints."
+        )
     trailing = 3 if pose.shape[-2:] == (3, 3) else 2 if pose.shape[-1] == 3 else 1
     lead = pose.shape[: pose.ndim - trailing]
     if not lead:
@@ -184,15 +188,23 @@ def _of_pose(
         if name is None:
             return None
         values = torch.from_numpy(np.asarray(arrays[name], dtype=np.float32))
+        own = width if name in ROTATIONS else values.shape[-1] if values.ndim else 1
+        held = values.numel() // max(own, 1)
         # One shape for all frames of a track.
-        if values.numel() < count * width:
-            values = values.reshape(-1, 1, width).expand(-1, count * width // values.numel(), -1)
+        if 0 < held < count and count % held == 0 and values.numel() == held * own and own >= width:
+            values = values.reshape(held, 1, own).expand(-1, count // held, -1)
+        elif values.numel() < width * count or values.numel() % count:
+            raise ValueError(
+                f"{path}: {name} has the shape {arrays[name].shape} and {key} is of {count} hands; expected "
+                f"{width} numbers or more for each hand, or for each track."
+            )
         return values.reshape(count, -1)
 
     flat = torch.from_numpy(np.ascontiguousarray(pose, dtype=np.float32))
     flat = flat.reshape(count, *pose.shape[pose.ndim - trailing :])
     found = mano_pose(flat, rows(SHAPES, 10), rows(ROTATIONS, 3))
-    given = mano.hands(found, str(path), _sides(arrays, lead), _names(lead))
+    tracks = [row // lead[1] for row in range(count)] if len(lead) == 2 and lead[0] > 1 else None
+    given = mano.hands(found, str(path), _sides(arrays, lead), _names(lead), tracks)
     return _tracks(given, lead)
 
 

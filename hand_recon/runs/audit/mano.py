@@ -26,7 +26,12 @@ class ManoReader:
         self._hand, self._path = hand, path
 
     def hands(
-        self, pose: ManoPose, file: str, sides: Sequence[str], names: Sequence[str]
+        self,
+        pose: ManoPose,
+        file: str,
+        sides: Sequence[str],
+        names: Sequence[str],
+        tracks: Sequence[int] | None = None,
     ) -> GivenHands:
         """Hands of a file.
 
@@ -35,6 +40,8 @@ class ManoReader:
             file: The file.
             sides: Sides that the file names, `left`, `right` or empty.
             names: Names of the hands.
+            tracks: Numbers of their tracks, each of one hand; one track by default. HaWoR's first is of left
+                hands and its second of right ones, and no array says so.
         """
         count = len(pose.shape)
         parameters = HandParameters(
@@ -42,16 +49,18 @@ class ManoReader:
             torch.zeros(count, 3),
         )  # fmt: skip
         notes = []
-        for side, rows in rows_by(sides).items():
+        unnamed = [0] * count if tracks is None else tracks
+        keys = [side or f"track {track}" for side, track in zip(sides, unnamed, strict=True)]
+        for key, rows in rows_by(keys).items():
             own = ManoPose(pose.rotations[rows], pose.shape[rows], pose.global_rotation[rows])
             found, turned = to_parameters(own, self._hand)
             parameters.joint_angles[rows] = found.joint_angles
             parameters.root_rotation[rows] = found.root_rotation
             parameters.translation[rows] = found.translation
             if bool(turned):
+                whose = f"{key} hands" if sides[rows[0]] else "all hands" if tracks is None else key
                 notes.append(
-                    f"{file}: the rotations of {side or 'all'} hands are those of left hands; they were "
-                    "mirrored."
+                    f"{file}: the rotations of {whose} are those of left hands; they were mirrored."
                 )
         points = torch.full((count, 21, 3), torch.nan)
         left = [side == "left" for side in sides]

@@ -80,6 +80,40 @@ def test_hawors_chunks_of_frames_are_sequences(mano: Path, tmp_path: Path) -> No
     assert found.times.tolist() == pytest.approx([frame / 30 for frame in range(COUNT)])
 
 
+def test_tracks_of_both_hands_without_sides_are_told_apart(mano: Path, tmp_path: Path) -> None:
+    """HaWoR's two tracks are a left hand's and a right hand's, with rotations of each."""
+    hand, angles = mano_hand(mano), natural_angles(COUNT)
+    right = rotation_to_axis_angle(joint_rotations(angles, hand.frames, hand.rest_angles))
+    pose = torch.stack([mirror_axis_angle(right), right]).flatten(2)
+    np.savez(tmp_path / "x.npz", hand_pose=pose.numpy(), betas=np.zeros((2, COUNT, 10)))
+    found = read_given([tmp_path], hand, mano, Reading())
+    assert float((found.parameters.joint_angles - angles.repeat(2, 1, 1)).abs().max()) < 1e-3
+    assert len(found.notes) == 1
+    assert "the rotations of track 0 are those of left hands" in found.notes[0]
+
+
+@pytest.mark.parametrize("shape", [(3, 10), (0, 10), (2, 7), (4, 9)])
+def test_shapes_of_other_numbers_of_hands_are_refused(
+    mano: Path, tmp_path: Path, shape: tuple[int, int]
+) -> None:
+    np.savez(tmp_path / "x.npz", hand_pose=np.zeros((4, 15, 3)), betas=np.zeros(shape))
+    with pytest.raises(ValueError, match=r"betas has the shape .* and hand_pose is of 4 hands"):
+        read_given([tmp_path], mano_hand(mano), mano, Reading())
+
+
+def test_one_shape_of_sixteen_numbers_is_that_of_all_frames(mano: Path, tmp_path: Path) -> None:
+    betas = np.arange(16.0)
+    np.savez(tmp_path / "x.npz", hand_pose=np.zeros((4, 15, 3)), betas=betas[None])
+    found = read_given([tmp_path], mano_hand(mano), mano, Reading())
+    assert found.parameters.shape.tolist() == [betas[:10].tolist()] * 4
+
+
+def test_a_pose_without_numbers_is_refused(mano: Path, tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", hand_pose=np.float64(1.0), betas=np.zeros(10))
+    with pytest.raises(ValueError, match=r"hand_pose has the shape \(\); expected rotations of 15"):
+        read_given([tmp_path], mano_hand(mano), mano, Reading())
+
+
 def test_coefficients_of_pose_components_are_refused(mano: Path, tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", hand_pose=np.zeros((4, 12)), betas=np.zeros((4, 10)))
     with pytest.raises(
