@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 OPSET: Final = 20
 """Version of ONNX's operators; onnxruntime reads it from 1.17 on."""
 
+FILE_VERSION: Final = 9
+"""Version of ONNX's file format, the newest that onnxruntime 1.17 reads."""
+
 BATCH: Final = "batch"
 """Name of the axis of hands."""
 
@@ -149,7 +152,21 @@ def _translated(graph: NetworkGraph) -> "onnx.ModelProto":
     for value in (value for node in program.model.graph for value in node.outputs):
         if value.name in graph.outputs and id(value) not in outputs:
             value.name = f"{value.name}_inside"
-    return program.model_proto
+    proto = program.model_proto
+    proto.ir_version = FILE_VERSION
+    _remove_traces(proto)
+    return proto
+
+
+def _remove_traces(model: "onnx.ModelProto") -> None:
+    """Remove the exporter's notes on each operator, in place.
+
+    They have lines of source code with the paths of this machine, and are a seventh of a lifter's file.
+    """
+    graph = model.graph
+    values = (*graph.input, *graph.output, *graph.value_info, *graph.initializer)
+    for noted in (graph, *graph.node, *values):
+        del noted.metadata_props[:]
 
 
 def _shorten(model: "onnx_ir.Model") -> None:
