@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,11 @@ VERSION_KEY: Final = "hand_recon_version"
 HAND_KEY: Final = "hand_recon_hand"
 """Key of the fingerprint of the hand that the model was trained with."""
 
+_NO_PICKLE: Final = (
+    pickle.UnpicklingError, EOFError, RuntimeError, LookupError, ValueError, TypeError, AttributeError,
+    struct.error,
+)  # fmt: skip
+"""Errors of reading bytes that are no pickle: their first letters are taken for its instructions."""
 
 BUILT: Final = ("hand", "model", "prior", "data_term", "supervision", "data")
 """Parts of a checkpoint's configuration that are built again when it is loaded or evaluated."""
@@ -101,7 +107,7 @@ def _loaded(file: Path) -> dict[str, Any]:
     """
     try:
         checkpoint = torch.load(file, map_location="cpu", weights_only=True)
-    except (pickle.UnpicklingError, EOFError, RuntimeError) as error:
+    except _NO_PICKLE as error:
         raise ValueError(
             f"{file} is no checkpoint, or a damaged one. Give a run's folder, or a file such as "
             "outputs/train/<time>/checkpoints/best.ckpt."

@@ -78,8 +78,13 @@ def test_a_path_of_an_earlier_version_says_which_version_wrote_it(
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"no checkpoint", b"\xff\xd8\xff\xe0 an image", b"PK\x03\x04 cut"]
-)
+    "content",
+    [
+        b"", b"no checkpoint", b"\xff\xd8\xff\xe0 an image", b"PK\x03\x04 cut",
+        # Letters that pickles take for instructions: a key, a list's end, a number, a text.
+        b"hi\n", b".gitignore", b"G\n", b"U\xdcb\xb7: \x0e\xe7g<\xfe\xcb\x83j",
+    ],
+)  # fmt: skip
 def test_a_file_that_is_no_checkpoint_is_named(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "a.ckpt"
     file.write_bytes(content)
