@@ -39,7 +39,7 @@ _MANO_NUMBERS: Final = 61
 
 def holds_hands(path: Path) -> bool:
     """True if a JSON file is a file of hands: its first object has that file's keys."""
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         head = stream.read(HEAD)
     if head.strip() == "[]":
         return True
@@ -58,12 +58,12 @@ def read_json(path: Path, mano: ManoReader | None) -> GivenHands:
     """
     if path.suffix.lower() == ".zip":
         return _predictions(path)
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         head = "".join(stream.read(HEAD).split())
     if head.startswith("[["):
         return _lists(path, head, mano)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except ValueError as error:
         raise ValueError(
             f"{path} is not JSON ({error}); expected hands. Write the file again."
@@ -91,14 +91,16 @@ def _named_arrays(path: Path, content: dict[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _lists(path: Path, head: str, mano: ManoReader | None) -> GivenHands:
-    """Lists of numbers: MANO labels of FreiHAND, joints of a headset, or landmarks of a benchmark."""
+    """Lists of numbers: FreiHAND's MANO labels, one hand, joints of a headset, or a benchmark's landmarks."""
     depth = len(head) - len(head.lstrip("["))
     first = head[depth:].partition("]")[0].count(",") + 1
     if first == _MANO_NUMBERS:
         return _freihand_mano(path, mano)
     points = head[depth:].partition("]]")[0].count("],[") + 1
-    if depth == 3 and points in COUNTS[1:]:
-        return of_points(_points(path, json.loads(path.read_text())), str(path))
+    one = depth == 2 and first == 3 and points in COUNTS
+    if one or (depth == 3 and points in COUNTS[1:]):
+        found = _points(path, json.loads(path.read_text(encoding="utf-8-sig")))
+        return of_points(found.reshape(-1, 21, 3), str(path))
     return _predictions(path)
 
 
@@ -182,6 +184,11 @@ def _points(path: Path, values: object) -> Float[Tensor, "... landmark=21 3"]:
                 f"hand-recon fit {path}, and audit the hands.json that it writes."
             )
         values = [[None] * len(first) if one is None else one for one in values]
+    if isinstance(values, list) and any(isinstance(one, dict) for one in values):
+        raise ValueError(
+            f"{path} holds points that are objects; expected a list of three numbers for each, such as "
+            "[x, y, z]. MediaPipe's worldLandmarks are 3D points; its landmarks are 2D, and are to be fitted."
+        )
     try:
         array = np.array(values, dtype=np.float64)
     except (ValueError, TypeError) as error:
