@@ -16,7 +16,8 @@ class SigmaInCheckpoint(lightning.Callback):
     """Write the factor of σ into every checkpoint.
 
     It is that of the validation hands with the checkpoint's weights. A data term that does not learn σ, or
-    that has not begun to, has the factor 1.
+    that has not begun to, has the factor 1. A continued run has the factor of the checkpoint that it goes on
+    from until its first validation.
     """
 
     def __init__(self) -> None:
@@ -29,6 +30,15 @@ class SigmaInCheckpoint(lightning.Callback):
         """Fit the factor, before the module resets its scores."""
         if isinstance(pl_module, HandReconstruction):
             self.factor = factor_of(pl_module)
+
+    def on_load_checkpoint(
+        self,
+        trainer: lightning.Trainer,
+        pl_module: lightning.LightningModule,
+        checkpoint: dict[str, Any],
+    ) -> None:
+        """Take over the factor: a run with nothing left to do validates no more, and saves."""
+        self.factor = float(checkpoint.get(SIGMA_FACTOR_KEY, 1.0))
 
     def on_save_checkpoint(
         self,

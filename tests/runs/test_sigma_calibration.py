@@ -1,12 +1,14 @@
 """Factor of σ by the validation scores that a module holds."""
 
 from pathlib import Path
+from typing import Any
 
+import lightning
 import pytest
 import torch
 
 from hand_recon.runs.building import build_module
-from hand_recon.runs.sigma_calibration import factor_of
+from hand_recon.runs.sigma_calibration import SIGMA_FACTOR_KEY, SigmaInCheckpoint, factor_of
 from hand_recon.training.module import HandReconstruction
 from tests.support.configurations import settings
 
@@ -59,3 +61,20 @@ def test_before_the_stage_that_learns_sigma_the_factor_is_one(tmp_path: Path) ->
     assert factor_of(module) == 1.0
     module.data_term.begin(step=99, epoch=99, total_steps=100)
     assert factor_of(module) > 2
+
+
+@pytest.mark.parametrize(("earlier", "expected"), [({SIGMA_FACTOR_KEY: 2.5}, 2.5), ({}, 1.0)])
+def test_a_continued_run_keeps_the_factor_until_it_validates(
+    tmp_path: Path, earlier: dict[str, Any], expected: float
+) -> None:
+    """A run with nothing left to do saves its last checkpoint again; earlier versions have no factor."""
+    module = validated(tmp_path, "data_term=nll", "label_sigma=learnt")
+    trainer = lightning.Trainer(logger=False, enable_checkpointing=False, accelerator="cpu")
+    callback = SigmaInCheckpoint()
+    callback.on_load_checkpoint(trainer, module, earlier)
+    saved: dict[str, Any] = {}
+    callback.on_save_checkpoint(trainer, module, saved)
+    assert saved == {SIGMA_FACTOR_KEY: expected}
+    callback.on_validation_epoch_end(trainer, module)
+    callback.on_save_checkpoint(trainer, module, saved)
+    assert saved[SIGMA_FACTOR_KEY] == pytest.approx(3 / 1.2815516, rel=1e-5)
