@@ -7,18 +7,17 @@ opened by the least share that frees them. The shape stays that of the audited h
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
-from typing import Final, Self
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from hand_recon.fitting.second_order.least_squares import Model
 from hand_recon.fitting.second_order.levenberg_marquardt import Limits as Steps
 from hand_recon.fitting.second_order.levenberg_marquardt import Reached, minimize
-from hand_recon.fitting.second_order.penetration import PenetrationTerm
+from hand_recon.fitting.second_order.penetration import PenetrationTerm, WholeProblem
 from hand_recon.fitting.second_order.unknowns import Unknowns
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import ARTICULATED, FINGERS
@@ -45,27 +44,6 @@ GREATEST_SHAPE: Final = 4.0
 
 SHARES: Final = 12
 """Steps from a pose to the open hand in which fingers are opened."""
-
-
-@dataclass(frozen=True)
-class _Whole:
-    """Distance from the audited hands with non-penetration."""
-
-    problem: PointProblem
-    penetration: PenetrationTerm
-
-    def __getitem__(self, hands: Tensor) -> Self:
-        return replace(self, problem=self.problem[hands])
-
-    def __call__(self, unknowns: Unknowns) -> Model:
-        model = self.problem(unknowns)
-        value, gradient, curvature = self.penetration(unknowns)
-        return replace(
-            model,
-            value=model.value + value,
-            gradient=model.gradient + gradient,
-            curvature=model.curvature + curvature,
-        )
 
 
 class Repair:
@@ -151,7 +129,7 @@ class Repair:
             if not len(rows):
                 return hands
             self._apart_term.weight = weight
-            whole = _Whole(problem[rows], PenetrationTerm(self._hand, self._apart_term))
+            whole = WholeProblem(problem[rows], PenetrationTerm(self._hand, self._apart_term))
             some = hands.select(rows)
             start = Unknowns(
                 some.joint_angles, some.root_rotation, torch.zeros(len(rows), 3), some.shape

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.fitting.second_order.chain import LEVEL_ORDER, Skeleton, chain_vertices, subtrees
-from hand_recon.fitting.second_order.least_squares import Model, Problem
+from hand_recon.fitting.second_order.least_squares import Model
+from hand_recon.fitting.second_order.levenberg_marquardt import Loss
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.penetration.contact import Contacts
@@ -102,7 +103,7 @@ class PenetrationTerm:
 class WholeProblem:
     """A loss with the non-penetration term."""
 
-    problem: Problem
+    problem: Loss
     """Everything else."""
     penetration: PenetrationTerm
     """The term."""
