@@ -105,6 +105,13 @@ def test_repaired_hands_pass_the_same_audit(
     assert again["penetration_rate_percent"] == 0.0
 
 
+def test_strict_ends_with_status_1_without_any_hand_that_was_audited(tmp_path: Path) -> None:
+    np.save(tmp_path / "zeros.npy", np.zeros((2, 21, 3)))
+    with pytest.raises(SystemExit) as raised:
+        audit(asked([str(tmp_path / "zeros.npy")], tmp_path / "out", "strict=true", "worst=0"))
+    assert raised.value.code == 1
+
+
 def test_strict_ends_with_status_1_and_writes_the_report(
     points: torch.Tensor, tmp_path: Path
 ) -> None:

@@ -51,7 +51,7 @@ def audit(config: DictConfig) -> dict[str, Any]:
 
     Raises:
         ValueError: No file was given.
-        SystemExit: With `strict`, a hand is implausible.
+        SystemExit: With `strict`, a hand is implausible, or none was audited.
     """
     if not config.files:
         raise ValueError(
@@ -89,7 +89,9 @@ def audit(config: DictConfig) -> dict[str, Any]:
             logger.warning("%d of %d hands: %s", left_out, summary["hands"], NOT_REPAIRED)
         write_repaired(folder / "repaired", repair)
     logger.info("Open %s", folder / "index.html")
-    if config.strict and summary["implausible"]:
+    if not summary["audited"]:
+        logger.warning("No hand was audited: none has 12 landmarks or more, or joint angles.")
+    if config.strict and (summary["implausible"] or not summary["audited"]):
         raise SystemExit(1)
     return summary
 
