@@ -68,7 +68,8 @@ async def _answer(socket: WebSocket, worker: Worker, bounds: Bounds) -> None:
         try:
             found = await worker.call("live", content, is_first=is_first)
             is_first = False
-        except (ValueError, BusyError) as error:
+        except (ValueError, OSError, BusyError) as error:
+            # OSError: the detector's models cannot be fetched; its text says what to do.
             found = {"error": str(error)}
         except (TookTooLongError, WorkerEndedError) as error:
             # The new process knows nothing of the hands that were followed.

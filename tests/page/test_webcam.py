@@ -12,6 +12,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from hand_recon.detection.detector import DetectedHand, Detections
+from hand_recon.detection.models import ModelsError
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.ranges import load_ranges
 from hand_recon.page.bounds import Bounds
@@ -109,6 +110,8 @@ class Scripted:
         self.firsts.append(is_first)
         if content == b"slow":
             raise TookTooLongError("This took longer than 30 seconds.")
+        if content == b"fetch":
+            raise ModelsError("The hand detector's models are not here and cannot be fetched.")
         if content == b"odd":
             raise ZeroDivisionError("by zero")
         return {"hands": len(self.firsts)}
@@ -165,6 +168,14 @@ def test_an_error_that_nobody_thought_of_is_told_and_does_not_end_the_connection
         socket.send_bytes(b"image")
         assert socket.receive_json() == {"hands": 2}
     assert scripted.firsts == [True, True]
+
+
+def test_models_that_cannot_be_fetched_are_told_in_their_own_words(client: TestClient) -> None:
+    with client.websocket_connect("/api/live", headers={"host": "127.0.0.1"}) as socket:
+        socket.send_bytes(b"fetch")
+        assert socket.receive_json() == {
+            "error": "The hand detector's models are not here and cannot be fetched."
+        }
 
 
 def test_one_page_at_a_time_has_the_webcam_and_the_next_has_it_afterwards(
