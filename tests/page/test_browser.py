@@ -20,6 +20,11 @@ pytestmark = pytest.mark.slow
 WAIT = 60_000
 """Longest time for a step on a busy machine, milliseconds."""
 
+NO_CAMERA = """() => {
+  navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("", "NotFoundError"));
+}"""
+"""Script after which the page has no camera."""
+
 
 @pytest.fixture(scope="module")
 def results(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -185,15 +190,44 @@ def test_without_a_camera_the_hand_before_stays(browser: Any, address: str) -> N
     page, wrong = opened(browser, address)
     page.set_input_files("#file", ROOT / "examples" / "hand.jpg")
     page.wait_for_selector("#rows input[value=none]:enabled")
-    page.evaluate("""() => {
-      navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("", "NotFoundError"));
-    }""")
+    page.evaluate(NO_CAMERA)
     page.click("#webcam")
     page.wait_for_selector("#error:has-text('NotFoundError')")
     page.check("#rows input[value=ranges]", force=True)
     assert "Every joint stays inside the range" in page.inner_text("#row-sentence")
     assert page.locator("#photo").is_visible()
     assert wrong == []
+
+
+def test_without_a_camera_the_clip_before_is_still_played(
+    browser: Any,  # noqa: ANN401
+    address: str,
+    results: Path,
+) -> None:
+    page, wrong = opened(browser, address)
+    page.set_input_files("#file", results / "hands.json")
+    page.wait_for_selector("#player:not([hidden])")
+    page.evaluate(NO_CAMERA)
+    page.click("#webcam")
+    page.wait_for_selector("#error:has-text('NotFoundError')")
+    page.focus("#frame")
+    page.keyboard.press("End")
+    page.wait_for_selector("#frame-label:has-text('Frame 89')")
+    assert wrong == []
+
+
+def test_without_a_camera_a_file_that_is_worked_on_goes_on(browser: Any, address: str) -> None:  # noqa: ANN401
+    page, _ = opened(browser, address)
+    page.evaluate(NO_CAMERA)
+    held = []
+    page.route("**/api/file*", lambda route: held.append(route))  # Playwright marks functions
+    page.set_input_files("#file", ROOT / "examples" / "hand.jpg")
+    page.wait_for_selector("#working:not([hidden])")
+    page.click("#webcam")
+    page.wait_for_selector("#error:has-text('NotFoundError')")
+    held[0].continue_()
+    page.wait_for_selector("#facts:not([hidden]) .hand-facts")
+    assert page.locator("#working").is_hidden()
 
 
 def test_without_a_3d_view_the_rest_of_the_page_goes_on(browser: Any, address: str) -> None:  # noqa: ANN401

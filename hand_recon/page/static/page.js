@@ -180,8 +180,8 @@ function overlay() {
 
 async function startWebcam() {
   tell("");
-  player.close();
-  const number = ++state.work;
+  player.pause();
+  const number = state.work;
   at("webcam").disabled = true;
   try {
     await webcam.start();
@@ -196,6 +196,9 @@ async function startWebcam() {
     webcam.stop();
     return;
   }
+  // A file that is still worked on is left, and goes on if there is no camera.
+  state.work++;
+  player.close();
   showVideo(false);
   Object.assign(state, { result: null, views: [], which: null, row: about.rows.at(-1).key });
   at("views").classList.remove("is-empty");
