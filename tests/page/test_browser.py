@@ -219,7 +219,7 @@ def test_without_a_camera_the_clip_before_is_still_played(
 def test_without_a_camera_a_file_that_is_worked_on_goes_on(browser: Any, address: str) -> None:  # noqa: ANN401
     page, _ = opened(browser, address)
     page.evaluate(NO_CAMERA)
-    held = []
+    held: list[Any] = []
     page.route("**/api/file*", lambda route: held.append(route))  # Playwright marks functions
     page.set_input_files("#file", ROOT / "examples" / "hand.jpg")
     page.wait_for_selector("#working:not([hidden])")

@@ -58,7 +58,7 @@ def open_browser(camera: Path) -> Iterator[Any]:
 
 
 def camera_file(path: Path, photograph: Path) -> Path:
-    """Write images of 640 × 480 pixels in which a photograph moves to and fro.
+    """Write images of 640 × 480 pixels in which a photograph moves back and forth.
 
     Args:
         path: File to write, with the suffix `.mjpeg`.
