@@ -79,7 +79,7 @@ def test_the_table_has_a_row_per_hand(report: tuple[Path, dict[str, Any]]) -> No
 
 def test_the_page_shows_the_worst_hand_first(report: tuple[Path, dict[str, Any]]) -> None:
     page = (report[0] / "index.html").read_text()
-    assert page.index("1. 5 (points.npy)") < page.index("2. ")
+    assert page.index("1. 5 (points.npy, right hand)") < page.index("2. ")
     assert "The bend of the index PIP is" in page
     assert (report[0] / "map.png").stat().st_size > 1000
     assert len(list((report[0] / "worst").glob("*.png"))) == 2
