@@ -124,6 +124,8 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     arguments = _arguments(words)
     torch.set_num_threads(1)
+    if arguments.write is not None and not arguments.fit:
+        raise SystemExit("--write writes corrections that --fit has fitted; give both.")
     if arguments.write is not None:
         # Before minutes of fits.
         refuse_existing([arguments.write])
