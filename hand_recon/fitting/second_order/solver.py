@@ -128,7 +128,9 @@ class SecondOrder:
         found, _ = self._apart(plain, last.unknowns, found)
         if not (is_likelihood(self.objective.data_term) and centred.terms.bounds_pose):
             return found
-        covariance = self._covariance(centred, last, several)
+        mixed = self._covariance(centred, last, several)
+        # Of the hand as it is given out, which may have been moved: a file's reader has no other origin.
+        covariance = self._corrected(mixed, found.prediction.parameters.translation)
         return replace(found, prediction=replace(found.prediction, covariance_3d=covariance))
 
     @torch.no_grad()
@@ -205,7 +207,7 @@ class SecondOrder:
     def _covariance(
         self, problem: Problem, best: Reached, several: Reached
     ) -> Float[Tensor, "hand landmark=21 3 3"]:
-        """Covariance of the landmarks of each hand about its result.
+        """Covariance of the landmarks of each hand about its result, without a correction.
 
         Args:
             problem: The loss with a prior that bounds every angle.
@@ -216,8 +218,7 @@ class SecondOrder:
         count = len(several.damping) // max(hands, 1)
         result = Minimum.of(problem, Reached.at(problem, best.unknowns))
         others = Minimum.of(problem[rows_of(hands, len(several.damping))], several)
-        mixed = mixed_covariance(result, others, count)
-        return self._corrected(mixed, best.unknowns.translation(problem.inverse))
+        return mixed_covariance(result, others, count)
 
     def _corrected(
         self, covariance: Float[Tensor, "hand landmark=21 3 3"], origin: Float[Tensor, "hand 3"]

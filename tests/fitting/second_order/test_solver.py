@@ -28,6 +28,7 @@ from hand_recon.uncertainty import (
     SquaredError,
     Staged,
 )
+from hand_recon.uncertainty.covariance_correction import LAPLACE, correction_named
 from tests.fitting.second_order.hands import double_hand, random_cameras, random_unknowns
 from tests.support.own_term import OwnTerm
 from tests.support.views import known_hands, views
@@ -85,6 +86,29 @@ def test_parts_leave_each_other(hand: HandModel, seen: HandBatch) -> None:
     assert float(depth.sum()) > 0
     assert float(found.loss["non_penetration"].sum()) < 0.5 * float(depth.sum())
     assert (found.loss["total"] <= before.loss["total"] + 20_000 * depth + 1e-3).all()
+
+
+def test_error_bars_of_parts_that_were_moved_have_the_origin_that_is_given_out(
+    hand: HandModel,
+) -> None:
+    """Σ₀ comes back from the hands as they are written, also of those that were moved apart."""
+    fists = known_hands(hand, COUNT)
+    bend = fists.joint_angles.clone()
+    bend[..., 0] = 1.5
+    seen = observed(views(hand, replace(fists, joint_angles=bend)))
+    objective = Objective(hand, Prior.default(hand), NegativeLogLikelihood())
+    living, plain = (
+        fit(seen, objective, descent=Descent(error_bars=name)).prediction
+        for name in ("living", LAPLACE)
+    )
+    correction = correction_named("living")
+    assert correction is not None
+    assert living.covariance_3d is not None
+    assert plain.covariance_3d is not None
+    translation = living.parameters.translation.double()
+    back = correction.laplace_of(living.covariance_3d.double(), translation)
+    # Of rounding to single precision alone, in square metres.
+    torch.testing.assert_close(back, plain.covariance_3d.double(), rtol=1e-4, atol=1e-10)
 
 
 def test_missing_landmarks_are_not_looked_at(
