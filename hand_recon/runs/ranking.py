@@ -29,7 +29,7 @@ UNFOUND: Final = 15.0
 """Value of the first image without a hand, millimetres; of the n-th, 1/n of it: they may have none."""
 
 ALIKE: Final = 0.12
-"""Distance of two hands, in hand lengths, at which a label of one takes 39 % off the value of the other."""
+"""Distance of two hands, in hand lengths, at which a label of one leaves 39 % of the other's value."""
 
 _MM: Final = 1000.0
 
