@@ -13,9 +13,7 @@ from torch import Tensor
 
 from hand_recon.evaluation.calibration import sparsification_error, spearman
 from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
-
-LEVELS: Final = (0.50, 0.80, 0.95)
-"""Nominal coverages of the regions."""
+from hand_recon.uncertainty.covariance_correction import LEVELS
 
 DEPTH: Final = 2
 """Index of the axis along the viewing direction in the camera's frame."""

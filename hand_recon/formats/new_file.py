@@ -24,6 +24,21 @@ def write_new(path: str | Path, content: bytes) -> Path:
     return path
 
 
+def free_place(path: str | Path) -> Path:
+    """Check that nothing stands at the place of a file that another library will write, and make its folder.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileExistsError: There is a file or folder of that name.
+    """
+    path = Path(path)
+    refuse_existing([path])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
 def refuse_existing(paths: Iterable[Path]) -> None:
     """Check that nothing stands at the places of files that another library will write.
 

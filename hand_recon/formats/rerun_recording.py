@@ -20,7 +20,7 @@ from hand_recon.formats.exported_hands import ExportedHand, Scene
 from hand_recon.formats.hand_colours import hand_colours
 from hand_recon.formats.joint_motion import check_motions
 from hand_recon.formats.mesh_sequence import vertices_at
-from hand_recon.formats.new_file import refuse_existing
+from hand_recon.formats.new_file import free_place
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import LANDMARK_PARENTS, LANDMARKS
 from hand_recon.rendering.mesh import vertex_normals
@@ -48,9 +48,7 @@ def write_rerun(path: str | Path, scene: Scene, hand: HandModel) -> Path:
     import rerun
 
     check_motions(scene.trajectories)
-    path = Path(path)
-    refuse_existing([path])
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = free_place(path)
     recording = rerun.RecordingStream("hand_recon")
     recording.save(path)
     recording.log(ROOT, rerun.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)

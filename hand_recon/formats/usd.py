@@ -22,7 +22,7 @@ from hand_recon.formats.joint_motion import (
     rig_of,
     to_quaternions,
 )
-from hand_recon.formats.new_file import refuse_existing
+from hand_recon.formats.new_file import free_place
 from hand_recon.formats.skin import INFLUENCES, strongest
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import JOINTS, PARENTS
@@ -51,9 +51,7 @@ def write_usd(path: str | Path, scene: Scene, hand: HandModel) -> Path:
     from pxr import Usd, UsdGeom
 
     check_motions(scene.trajectories)
-    path = Path(path)
-    refuse_existing([path])
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = free_place(path)
     rate = _rate(scene)
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)

@@ -16,6 +16,7 @@ from hand_recon import __version__
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
+from hand_recon.runs.checkpoint_files import checkpoint_at
 from hand_recon.runs.configuration import refuse_untrusted, targets
 from hand_recon.runs.sigma_calibration import SIGMA_FACTOR_KEY
 from hand_recon.training.module import HandReconstruction
@@ -78,8 +79,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
         FileNotFoundError: There is no such checkpoint.
         ValueError: The file is not a checkpoint of this project.
     """
-    path = Path(path).expanduser()
-    file = path / "checkpoints" / "best.ckpt" if path.is_dir() else path
+    file = checkpoint_at(path)
     if not file.is_file():
         raise FileNotFoundError(
             f"No checkpoint at {file}. Give a run's folder, or a file such as "

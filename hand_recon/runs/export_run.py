@@ -16,7 +16,7 @@ from hand_recon.formats.new_file import refuse_existing
 from hand_recon.hand.model import HandModel
 from hand_recon.runs.configuration import build_hand, configure_process
 from hand_recon.runs.lifters import DEFAULT
-from hand_recon.runs.unfinished import results_folder
+from hand_recon.runs.unfinished import make_folder, results_folder
 
 logger = logging.getLogger(__name__)
 
@@ -127,12 +127,7 @@ def export_hand(config: DictConfig) -> HandModel:
 def _write_all(names: Sequence[str], hands: ExportedHands, folder: Path) -> list[Path]:
     """Write all formats beside the results, and move them there if nothing is replaced."""
     is_new = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileExistsError(
-            f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
-        ) from error
+    make_folder(folder)
     try:
         return _write_and_move(names, hands, folder)
     finally:

@@ -17,6 +17,7 @@ from hand_recon.formats.onnx_file import VERSION_ENTRY, check_installed, to_onnx
 from hand_recon.formats.onnx_graphs import CropGraph, LifterGraph, NetworkGraph
 from hand_recon.hand.model import HandModel
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
+from hand_recon.runs.checkpoint_files import checkpoint_at
 from hand_recon.runs.configuration import build_hand, configure_process
 from hand_recon.runs.lifters import DEFAULT, SUFFIX, lifter_path, load_named
 from hand_recon.runs.photo_crops import crop_policy
@@ -117,8 +118,7 @@ def _source(config: DictConfig) -> str:
 
 def _checkpoint(source: str) -> Path:
     """File of a checkpoint: itself, or the best one of a run's folder."""
-    path = Path(source).expanduser()
-    file = path / "checkpoints" / "best.ckpt" if path.is_dir() else path
+    file = checkpoint_at(source)
     if file.suffix.startswith(".json"):
         raise ValueError(
             f"format=onnx writes networks, and {file} is a file of hands. Give default (the packaged "

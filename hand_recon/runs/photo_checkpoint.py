@@ -13,6 +13,7 @@ from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.regressor.photo_encoder import PhotoEncoder
+from hand_recon.runs.checkpoint_files import checkpoint_at
 from hand_recon.runs.configuration import build_hand
 from hand_recon.runs.lifters import DEFAULT, SUFFIX, names_lifter
 from hand_recon.runs.photo_crops import crop_policy
@@ -134,8 +135,7 @@ def checkpoint_file(name: str) -> Path:
         FileNotFoundError: There is no such file.
         ValueError: It is a lifter's file.
     """
-    path = Path(name).expanduser()
-    file = path / "checkpoints" / "best.ckpt" if path.is_dir() else path
+    file = checkpoint_at(name)
     if not file.is_file():
         raise FileNotFoundError(
             f"No checkpoint at {file}. Give ckpt=<folder of a run> of hand-recon train recipe=photos, or its "

@@ -30,6 +30,20 @@ _NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "
 """Settings that the numbers of the results do not depend on, or whose files are compared instead."""
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, with those above it, unless it is there.
+
+    Raises:
+        FileExistsError: It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileExistsError(
+            f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
+        ) from error
+
+
 def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[str, Any]) -> bool:
     """Make a folder for results, or recognize one that the same command left unfinished.
 
@@ -45,12 +59,7 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
         FileExistsError: The folder holds complete results, or unfinished ones of other settings.
     """
     folder = Path(path).expanduser().absolute()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileExistsError(
-            f"The folder {folder} cannot be made ({error.strerror}). Name another one with output=…."
-        ) from error
+    make_folder(folder)
     _lock(folder)
     taken = [name for name in products if (folder / name).exists()]
     mark = folder / MARK

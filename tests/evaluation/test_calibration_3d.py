@@ -7,12 +7,12 @@ import torch
 from torch import Tensor
 
 from hand_recon.evaluation.calibration_3d import (
-    LEVELS,
     Calibration3D,
     region_bound,
     sigma_of,
     squared_mahalanobis,
 )
+from hand_recon.uncertainty.covariance_correction import LEVELS
 from tests.support.tolerance import assert_close
 
 HANDS = 1000

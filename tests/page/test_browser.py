@@ -73,37 +73,37 @@ def opened(browser: Any, address: str, width: int = 1280) -> tuple[Any, list[str
     return page, wrong
 
 
-def drawn_share(page: Any) -> float:  # noqa: ANN401
-    """Share of the 3D view that something is drawn on."""
-    share: float = page.evaluate("""() => {
+PIXELS = """
       const canvas = document.querySelector('#scene canvas');
       const copy = document.createElement('canvas');
       Object.assign(copy, { width: canvas.width, height: canvas.height });
       const context = copy.getContext('2d');
       context.drawImage(canvas, 0, 0);
-      const { data } = context.getImageData(0, 0, copy.width, copy.height);
+      const { data } = context.getImageData(0, 0, copy.width, copy.height);"""
+"""JavaScript that copies the 3D view, and has its bytes in `data`."""
+
+
+def drawn_share(page: Any) -> float:  # noqa: ANN401
+    """Share of the 3D view that something is drawn on."""
+    share: float = page.evaluate(f"""() => {{
+{PIXELS}
       let drawn = 0;
       for (let place = 3; place < data.length; place += 4) drawn += data[place] > 0;
       return drawn / (copy.width * copy.height);
-    }""")
+    }}""")
     return share
 
 
 def reddest(page: Any) -> float:  # noqa: ANN401
     """Largest difference of red and green in the 3D view, 0 to 255."""
-    difference: float = page.evaluate("""() => {
-      const canvas = document.querySelector('#scene canvas');
-      const copy = document.createElement('canvas');
-      Object.assign(copy, { width: canvas.width, height: canvas.height });
-      const context = copy.getContext('2d');
-      context.drawImage(canvas, 0, 0);
-      const { data } = context.getImageData(0, 0, copy.width, copy.height);
+    difference: float = page.evaluate(f"""() => {{
+{PIXELS}
       let most = 0;
-      for (let place = 0; place < data.length; place += 4) {
+      for (let place = 0; place < data.length; place += 4) {{
         if (data[place + 3] === 255) most = Math.max(most, data[place] - data[place + 1]);
-      }
+      }}
       return most;
-    }""")
+    }}""")
     return difference
 
 

@@ -66,7 +66,7 @@ def test_a_fitted_correction_covers_errors_that_it_has_not_seen() -> None:
 
 
 def test_a_conformal_quantile_is_the_one_of_one_value_more() -> None:
-    """Of 9 values at 80 %, ⌈0.8 · 10⌉ = the 8th; at 95 %, the 10th, which there is not: the largest."""
+    """The 80 % quantile of 9 values is the 8th, ⌈0.8 · 10⌉; 95 % would be the 10th, so it is the largest."""
     values = torch.tensor([5.0, 1, 9, 3, 7, 2, 8, 4, 6], dtype=torch.float64)
     assert quantile([values], 0.8) == 8.0
     assert quantile([values], 0.95) == 9.0

@@ -9,7 +9,7 @@ from hand_recon.uncertainty.sigma_factor import BOUNDS, LEVEL, sigma_factor
 
 
 def test_the_factor_agrees_with_a_calculation_by_hand() -> None:
-    """Of 9 residuals of 1 to 9 σ, 80 % of 10 are 8: the eighth, 8 σ, is at 1.2816 σ f."""
+    """Residuals of 1 to 9 σ: the 8th is at the 80 % interval's bound, 1.2816 f σ, so f is 8 / 1.2816."""
     sigma = torch.full((9,), 0.5, dtype=torch.float64)
     residual = sigma * torch.tensor([3.0, -1, 4, 9, -5, 6, 2, -8, 7])
     assert sigma_factor(residual, sigma) == pytest.approx(8 / 1.2815516, rel=1e-6)

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from depth.scores import grouped_mean
 from error_bars.errors import MEASURED, Errors
-from hand_recon.evaluation.calibration_3d import LEVELS, region_bound, squared_mahalanobis
-from hand_recon.uncertainty.covariance_correction import CovarianceCorrection
+from hand_recon.evaluation.calibration_3d import region_bound, squared_mahalanobis
+from hand_recon.uncertainty.covariance_correction import LEVELS, CovarianceCorrection
 
 COLUMNS: Final = (
     "set", "error bars", "within 50 %", "80 %", "95 %", "by factors", "depth", "across", "rank", "AUSE",
