@@ -60,10 +60,13 @@ def write_report(
             entry["moved_mm_greatest"] = float(moved.max())
     with replaced_when_whole(folder / "audit.json") as path:
         path.write_text(
-            json.dumps(_finite(content), indent=1, ensure_ascii=False), encoding="utf-8"
+            json.dumps(_finite(content), indent=1, ensure_ascii=False),
+            encoding="utf-8",
+            # Bytes of names that are no letters become escapes, which JSON has, too.
+            errors="backslashreplace",
         )
     with replaced_when_whole(folder / "audit.csv") as path:
-        path.write_text(_table(audit), encoding="utf-8", newline="")
+        path.write_text(_table(audit), encoding="utf-8", errors="backslashreplace", newline="")
 
 
 def _sequence(found: dict[str, Any]) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any, Final
-from urllib.parse import quote
+
+from hand_recon.visualization.gallery import page_text, relative_address
 
 _STYLE: Final = """
   body { font: 16px/1.45 system-ui, sans-serif; margin: 1.5rem; color: #1c1c1c; background: #fff; }
@@ -71,31 +71,36 @@ def write_page(path: Path, page: Page) -> None:
 
 
 def _lines(page: Page) -> Iterator[str]:
-    title = escape(page.title)
+    title = page_text(page.title)
     yield '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">'
     yield f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>"
     if page.notes:
-        yield "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in page.notes) + "</ul>"
+        yield "<ul>" + "".join(f"<li>{page_text(note)}</li>" for note in page.notes) + "</ul>"
     for table in page.tables:
         if table.rows:
             yield from _table(table)
     if page.map is not None:
-        yield f'<h2>Natural and audited poses</h2>\n<img src="{_address(page.map)}" alt="map of poses">'
+        yield "<h2>Natural and audited poses</h2>"
+        yield f'<img src="{relative_address(page.map)}" alt="map of poses">'
     if page.hands:
         yield f"<h2>The {len(page.hands)} worst hands</h2>"
     for hand in page.hands:
-        reasons = " ".join(escape(reason) for reason in hand.reasons)
+        reasons = " ".join(page_text(reason) for reason in hand.reasons)
+        name, verdict = page_text(hand.name), page_text(hand.verdict)
+        address = relative_address(hand.image)
         yield (
-            f'<figure><img src="{_address(hand.image)}" alt="{escape(hand.name)}" loading="lazy"><figcaption>'
-            f'{escape(hand.name)}: <span class="{escape(hand.verdict)}">{escape(hand.verdict)}</span>. '
+            f'<figure><img src="{address}" alt="{name}" loading="lazy"><figcaption>'
+            f'{name}: <span class="{verdict}">{verdict}</span>. '
             f"{reasons}</figcaption></figure>"
         )
     yield "</body>\n</html>"
 
 
 def _table(table: PageTable) -> Iterator[str]:
-    yield f"<h2>{escape(table.title)}</h2>\n<table>\n<thead><tr>"
-    yield "".join(f"<th>{escape(name)}</th>" for name in table.columns) + "</tr></thead>\n<tbody>"
+    yield f"<h2>{page_text(table.title)}</h2>\n<table>\n<thead><tr>"
+    yield (
+        "".join(f"<th>{page_text(name)}</th>" for name in table.columns) + "</tr></thead>\n<tbody>"
+    )
     for row in table.rows:
         yield "<tr>" + "".join(_cell(cell) for cell in row) + "</tr>"
     yield "</tbody>\n</table>"
@@ -104,7 +109,9 @@ def _table(table: PageTable) -> Iterator[str]:
 def _cell(value: object) -> str:
     text = shown(value)
     return (
-        f"<td>{escape(text)}</td>" if isinstance(value, str) else f'<td class="number">{text}</td>'
+        f"<td>{page_text(text)}</td>"
+        if isinstance(value, str)
+        else f'<td class="number">{text}</td>'
     )
 
 
@@ -113,7 +120,3 @@ def shown(value: object) -> str:
     if value is None or value != value:
         return "–"
     return f"{value:.1f}" if isinstance(value, float) else str(value)
-
-
-def _address(path: str) -> str:
-    return quote(path, safe="/")

@@ -113,9 +113,11 @@ def _page(entries: Sequence[GalleryEntry], title: str) -> Iterator[str]:
     yield '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">'
     yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
     yield (
-        f"<title>{_text(title)}</title>\n<style>{_STYLE}" + "\n".join(rules) + "\n</style>\n</head>"
+        f"<title>{page_text(title)}</title>\n<style>{_STYLE}"
+        + "\n".join(rules)
+        + "\n</style>\n</head>"
     )
-    yield f"<body>\n<h1>{_text(title)}</h1>"
+    yield f"<body>\n<h1>{page_text(title)}</h1>"
     yield f"<p>{_summary(entries)}</p>"
     # Buttons stand before the table, not around it: the rules select what follows them.
     yield '<input type="radio" name="show" id="show-all" checked>'
@@ -134,7 +136,7 @@ def _summary(entries: Sequence[GalleryEntry]) -> str:
     hands = [hand for entry in entries for hand in entry.hands]
     verdicts = Counter(hand.verdict for hand in hands)
     parts = [f"{_count(len(entries), 'image')}, {_count(len(hands), 'hand')}"]
-    parts += [f"{count} {_text(verdict)}" for verdict, count in verdicts.most_common()]
+    parts += [f"{count} {page_text(verdict)}" for verdict, count in verdicts.most_common()]
     failed = sum(entry.error is not None for entry in entries)
     if failed:
         parts.append(f"{_count(failed, 'image')} could not be processed")
@@ -147,7 +149,7 @@ def _rows(entry: GalleryEntry) -> Iterator[str]:
     yield f'<tbody class="{" ".join(sorted(entry.states))}"><tr>'
     yield f'<th scope="rowgroup" rowspan="{span}">{_image(entry)}{_list(entry.notes)}</th>'
     if entry.error is not None:
-        yield f'<td colspan="5" class="error">{_text(entry.error)}</td></tr></tbody>'
+        yield f'<td colspan="5" class="error">{page_text(entry.error)}</td></tr></tbody>'
         return
     if not entry.hands:
         yield '<td colspan="5">no hand found</td></tr></tbody>'
@@ -156,18 +158,18 @@ def _rows(entry: GalleryEntry) -> Iterator[str]:
         opening = "<tr>" if number > 1 else ""
         residual = f"{hand.residual:.1f}" if math.isfinite(hand.residual) else "–"
         yield (
-            f"{opening}<td>{number}</td><td>{_text(hand.side)}</td>"
-            f'<td class="verdict {_word(hand.verdict)}">{_text(hand.verdict)}</td>'
+            f"{opening}<td>{number}</td><td>{page_text(hand.side)}</td>"
+            f'<td class="verdict {_word(hand.verdict)}">{page_text(hand.verdict)}</td>'
             f'<td>{_list(hand.reasons)}</td><td class="number">{residual}</td></tr>'
         )
     yield "</tbody>"
 
 
 def _image(entry: GalleryEntry) -> str:
-    name = _text(entry.image)
+    name = page_text(entry.image)
     if entry.overlay is None:
         return name
-    address = _address(entry.overlay)
+    address = relative_address(entry.overlay)
     return (
         f'<a href="{address}"><img src="{address}" alt="{name} with its hands" loading="lazy" '
         f'decoding="async"></a>{name}'
@@ -177,17 +179,25 @@ def _image(entry: GalleryEntry) -> str:
 def _list(sentences: Sequence[str]) -> str:
     if not sentences:
         return ""
-    return "<ul>" + "".join(f"<li>{_text(sentence)}</li>" for sentence in sentences) + "</ul>"
+    return "<ul>" + "".join(f"<li>{page_text(sentence)}</li>" for sentence in sentences) + "</ul>"
 
 
-def _address(path: str) -> str:
-    """Relative address of a file: every byte but letters, digits and slashes is escaped."""
+def relative_address(path: str) -> str:
+    """Relative address of a file for a page: every byte but letters, digits and slashes is escaped.
+
+    Args:
+        path: Path of the file from the page's folder.
+    """
     # A colon would otherwise end the name of a protocol, a backslash is Windows' slash.
     return quote(os.fsencode(path.replace(os.sep, "/")), safe="/")
 
 
-def _text(words: str) -> str:
-    """Text for the page; bytes of names that are no letters become escapes."""
+def page_text(words: str) -> str:
+    """Text for a page; bytes of names that are no letters become escapes.
+
+    Args:
+        words: Any text, such as a file's name.
+    """
     return escape(words.encode("utf-8", "backslashreplace").decode("utf-8"))
 
 

@@ -174,3 +174,17 @@ def test_brackets_in_names_of_files_are_no_markup(
     name = str(tmp_path / "[bold]" / "[.npy")
     audit(asked([name], tmp_path / "out", "worst=0", "same_person=true"))
     assert "[bold]" in "".join(capsys.readouterr().out.split()).replace("│", "")
+
+
+def test_bytes_of_file_names_that_are_no_letters_become_escapes(
+    points: torch.Tensor, tmp_path: Path
+) -> None:
+    folder = tmp_path / "poses"
+    folder.mkdir()
+    np.save(folder / "b\udcff.npy", points.numpy())
+    report = tmp_path / "out"
+    audit(asked([str(folder)], report, "worst=1"))
+    (entry, *_) = json.loads((report / "audit.json").read_text())["hands"]
+    assert entry["file"].endswith("b\udcff.npy")
+    assert "b\\udcff.npy" in (report / "index.html").read_text()
+    assert "b\\udcff.npy" in (report / "audit.csv").read_text()
