@@ -1,6 +1,5 @@
 """Skins with at most four joints per vertex and without blend shapes, which all that play glTF support."""
 
-import copy
 from collections.abc import Sequence
 from typing import Final
 
@@ -48,12 +47,12 @@ def largest_difference(trajectories: Sequence[Trajectory], hand: HandModel) -> f
         trajectories: Poses to compare, all frames of them.
         hand: Model of the right hand.
     """
-    plain = copy.deepcopy(hand)
-    plain.pose_directions = None
     joints, kept = strongest(hand.skinning_weights.detach().cpu().double().numpy())
     weights = np.zeros(hand.skinning_weights.shape)
     np.add.at(weights, (np.arange(len(weights))[:, None], joints), kept)
-    plain.skinning_weights = torch.as_tensor(weights).to(hand.skinning_weights)
+    plain = hand.with_arrays(
+        pose_directions=None, skinning_weights=torch.as_tensor(weights).to(hand.skinning_weights)
+    )
     largest = 0.0
     with torch.no_grad():
         for trajectory in trajectories:

@@ -19,14 +19,14 @@ def angles_to_rotation(
     Args:
         joint_angles: Bend, splay and twist, radians.
     """
-    bend, splay, twist = joint_angles.unbind(-1)
-    cos_z, sin_z = bend.cos(), bend.sin()
-    cos_y, sin_y = splay.cos(), splay.sin()
-    cos_x, sin_x = twist.cos(), twist.sin()
+    # Bend is about z, splay about y, twist about x.
+    cos_z, cos_y, cos_x = joint_angles.cos().unbind(-1)
+    sin_z, sin_y, sin_x = joint_angles.sin().unbind(-1)
+    sin_yx, cos_y_sin_x = sin_y * sin_x, cos_y * sin_x
     rows = [
-        cos_y * cos_z + sin_y * sin_x * sin_z, sin_y * sin_x * cos_z - cos_y * sin_z, sin_y * cos_x,
+        cos_y * cos_z + sin_yx * sin_z, sin_yx * cos_z - cos_y * sin_z, sin_y * cos_x,
         cos_x * sin_z, cos_x * cos_z, -sin_x,
-        cos_y * sin_x * sin_z - sin_y * cos_z, sin_y * sin_z + cos_y * sin_x * cos_z, cos_y * cos_x,
+        cos_y_sin_x * sin_z - sin_y * cos_z, sin_y * sin_z + cos_y_sin_x * cos_z, cos_y * cos_x,
     ]  # fmt: skip
     return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 
@@ -56,8 +56,8 @@ def joint_rotations(
         rest_angles: Joint angles of the rest pose, radians. They make zero joint angles the neutral pose,
             independent of the pose in which the mesh was modelled.
     """
-    from_rest = angles_to_rotation(rest_angles).mT @ angles_to_rotation(joint_angles)
-    return frames @ from_rest @ frames.mT
+    to_neutral = frames @ angles_to_rotation(rest_angles).mT
+    return to_neutral @ angles_to_rotation(joint_angles) @ frames.mT
 
 
 def joint_angles_of(

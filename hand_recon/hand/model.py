@@ -8,7 +8,9 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from hand_recon.hand.anatomical_frame import joint_rotations
-from hand_recon.hand.skeleton import JOINT_LEVELS, PARENTS, ROOT_JOINT
+from hand_recon.hand.kinematics import forward_kinematics
+from hand_recon.hand.skeleton import ROOT_JOINT
+from hand_recon.hand.skinning import LinearBlendSkinning
 from hand_recon.schema import HandGeometry, HandParameters
 
 
@@ -91,6 +93,26 @@ class HandModel(nn.Module):
         self.register_buffer(
             "landmark_regressor", asset.landmark_regressors[landmark_set], persistent=False
         )
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Rearrange the arrays of the surface for skinning; needed after any of them is replaced."""
+        poses = [] if self.pose_directions is None else [self.pose_directions]
+        self.skinning = LinearBlendSkinning(
+            self.template, [self.shape_directions, *poses], self.skinning_weights
+        )
+
+    def with_arrays(self, **arrays: Tensor | None) -> "HandModel":
+        """Copy of the model with some of its arrays replaced.
+
+        Args:
+            arrays: New values by name, such as `skinning_weights`.
+        """
+        other = copy.deepcopy(self)
+        for name, array in arrays.items():
+            setattr(other, name, array)
+        other._arrange()
+        return other
 
     def rest(
         self, shape: Float[Tensor, "*batch direction=10"]
@@ -127,30 +149,22 @@ class HandModel(nn.Module):
             rotations: Rotation of each joint from the rest pose, relative to its parent, in the hand's axes.
             shape: Coefficients of the shape directions, standard deviations.
         """
-        vertices, joints = self.rest(shape)
+        batch = shape.shape[:-1]
+        shape, rotations = shape.reshape(-1, shape.shape[-1]), rotations.reshape(-1, 15, 3, 3)
+        joints = self.joints_template + torch.einsum(
+            "jxs,bs->bjx", self.joint_shape_directions, shape
+        )
+        orientations, centres = forward_kinematics(rotations, joints - joints[:, ROOT_JOINT, None])
+        translations = centres - (orientations @ joints[..., None])[..., 0]
+        coefficients = shape
         if self.pose_directions is not None:
             deviation = rotations - torch.eye(3, dtype=rotations.dtype, device=rotations.device)
-            vertices = vertices + torch.einsum(
-                "vxr,...r->...vx", self.pose_directions, deviation.flatten(-3)
-            )
-        orientations, centres = _forward_kinematics(rotations, joints)
-        translations = centres - (orientations @ joints[..., None])[..., 0]
-        vertices = self._skin(vertices, orientations, translations)
-        return HandGeometry(vertices, centres, self.landmarks_of(vertices, centres))
-
-    def _skin(
-        self,
-        vertices: Float[Tensor, "*batch vertex 3"],
-        rotations: Float[Tensor, "*batch joint=16 3 3"],
-        translations: Float[Tensor, "*batch joint=16 3"],
-    ) -> Float[Tensor, "*batch vertex 3"]:
-        """Move every vertex by the weighted mean of the joints' rigid motions (linear blend skinning)."""
-        motions = torch.cat([rotations, translations[..., None]], dim=-1)
-        # With the vertex axis last, the products are sums of three long rows, which takes half the time of
-        # one small matrix product per vertex.
-        blended = torch.einsum("vj,...jxy->...xyv", self.skinning_weights, motions)
-        rotated = (blended[..., :3, :] * vertices.mT[..., None, :, :]).sum(dim=-2)
-        return (rotated + blended[..., 3, :]).mT
+            coefficients = torch.cat([shape, deviation.flatten(1)], dim=1)
+        vertices = self.skinning(coefficients, orientations, translations).mT
+        landmarks = self.landmarks_of(vertices, centres)
+        return HandGeometry(
+            *(points.view(*batch, *points.shape[1:]) for points in (vertices, centres, landmarks))
+        )
 
     def landmarks_of(
         self,
@@ -158,8 +172,10 @@ class HandModel(nn.Module):
         joints: Float[Tensor, "*batch joint=16 3"],
     ) -> Float[Tensor, "*batch landmark=21 3"]:
         """Landmarks of a posed hand, a linear map of its vertices and joints: the paper's H."""
-        # The transposes undo the layout that `_skin` returns, so that one matrix product serves all hands.
-        return (torch.cat([vertices.mT, joints.mT], dim=-1) @ self.landmark_regressor.mT).mT
+        # The transposes undo the layout that skinning returns, so that one matrix product serves all hands.
+        count = vertices.shape[-2]
+        of_vertices = vertices.mT @ self.landmark_regressor[:, :count].mT
+        return (of_vertices + joints.mT @ self.landmark_regressor[:, count:].mT).mT
 
     def to_camera(self, parameters: HandParameters) -> HandGeometry:
         """Pose the hand in the camera's frame, with R and t of Sec. 3.1."""
@@ -173,16 +189,15 @@ class HandModel(nn.Module):
         """
         count = len(self.template)
         needed = self.landmark_regressor[:, :count].any(dim=0)
-        light = copy.deepcopy(self)
-        for name in ("template", "shape_directions", "skinning_weights", "pose_directions"):
-            whole = getattr(self, name)
-            setattr(light, name, None if whole is None else whole[needed])
-        of_joints = self.landmark_regressor[:, count:]
-        light.landmark_regressor = torch.cat(
-            [self.landmark_regressor[:, :count][:, needed], of_joints], dim=1
+        names = ("template", "shape_directions", "skinning_weights", "pose_directions")
+        wholes = {name: getattr(self, name) for name in names}
+        kept = torch.cat([needed, torch.ones_like(needed[:1]).expand(len(self.joints_template))])
+        return self.with_arrays(
+            **{name: None if whole is None else whole[needed] for name, whole in wholes.items()},
+            landmark_regressor=self.landmark_regressor[:, kept],
+            faces=self.faces[:0],
+            wrist_ring=self.wrist_ring[:0],
         )
-        light.faces, light.wrist_ring = self.faces[:0], self.wrist_ring[:0]
-        return light
 
     def of_shape(self, shape: Float[Tensor, " direction=10"]) -> "HandModel":
         """Copy of the model that has one shape whatever its coefficients are, such as one person's hand.
@@ -190,13 +205,14 @@ class HandModel(nn.Module):
         Args:
             shape: Coefficients of the shape directions, standard deviations.
         """
-        fixed = copy.deepcopy(self)
-        fixed.one_shape = True
         moved = shape.to(self.template)
-        fixed.template = self.template + self.shape_directions @ moved
-        fixed.joints_template = self.joints_template + self.joint_shape_directions @ moved
-        fixed.shape_directions = torch.zeros_like(self.shape_directions)
-        fixed.joint_shape_directions = torch.zeros_like(self.joint_shape_directions)
+        fixed = self.with_arrays(
+            template=self.template + self.shape_directions @ moved,
+            joints_template=self.joints_template + self.joint_shape_directions @ moved,
+            shape_directions=torch.zeros_like(self.shape_directions),
+            joint_shape_directions=torch.zeros_like(self.joint_shape_directions),
+        )
+        fixed.one_shape = True
         return fixed
 
     def neutral_angles(self) -> Float[Tensor, "joint=15 axis=3"]:
@@ -222,30 +238,4 @@ def transform(
 
     return HandGeometry(
         transformed(hand.vertices), transformed(hand.joints), transformed(hand.landmarks)
-    )
-
-
-def _forward_kinematics(
-    rotations: Float[Tensor, "*batch joint=15 3 3"], joints: Float[Tensor, "*batch joint=16 3"]
-) -> tuple[Float[Tensor, "*batch joint=16 3 3"], Float[Tensor, "*batch joint=16 3"]]:
-    """Orientation and centre of every joint, from the joint rotations and the centres at rest."""
-    *batch, _, _ = joints.shape
-    eye = torch.eye(3, dtype=joints.dtype, device=joints.device)
-    orientations = {0: eye.expand(*batch, 3, 3)}
-    centres = {0: joints[..., 0, :]}
-    for level in JOINT_LEVELS:
-        parents = [PARENTS[joint] for joint in level]
-        parent_orientations = torch.stack([orientations[parent] for parent in parents], dim=-3)
-        parent_centres = torch.stack([centres[parent] for parent in parents], dim=-2)
-        bones = joints[..., list(level), :] - joints[..., parents, :]
-        level_rotations = rotations[..., [joint - 1 for joint in level], :, :]
-        level_orientations = parent_orientations @ level_rotations
-        level_centres = parent_centres + (parent_orientations @ bones[..., None])[..., 0]
-        for position, joint in enumerate(level):
-            orientations[joint] = level_orientations[..., position, :, :]
-            centres[joint] = level_centres[..., position, :]
-    order = range(len(PARENTS))
-    return (
-        torch.stack([orientations[joint] for joint in order], dim=-3),
-        torch.stack([centres[joint] for joint in order], dim=-2),
     )

@@ -40,6 +40,9 @@ JOINT_LEVELS: Final[tuple[tuple[int, ...], ...]] = (
 )
 """Joints by depth in the skeleton, so that forward kinematics takes three batched steps."""
 
+LEVEL_ORDER: Final[tuple[int, ...]] = (0, *(joint for level in JOINT_LEVELS for joint in level))
+"""All joints by depth in the skeleton."""
+
 AXES: Final[tuple[str, ...]] = ("bend", "splay", "twist")
 """The order of every `axis=3` of joint angles."""
 

@@ -65,7 +65,7 @@ class LifterSettings:
 def fingerprint(hand: HandModel) -> str:
     """Digest of a hand model's arrays, without its landmark set: equal for equal assets."""
     digest = hashlib.sha256()
-    for name, buffer in sorted(hand.named_buffers()):
+    for name, buffer in sorted(hand.named_buffers(recurse=False)):
         if name != "landmark_regressor":
             digest.update(buffer.detach().cpu().contiguous().numpy().tobytes())
     return f"{hand.name} {digest.hexdigest()[:16]}"

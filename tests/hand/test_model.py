@@ -67,9 +67,8 @@ def hand64(hand: HandModel) -> HandModel:
 def polished(hand: HandModel) -> HandModel:
     """Copy with exactly orthonormal frames and weights that sum exactly to one."""
     left, _, right = torch.linalg.svd(hand.frames)
-    hand.frames = left @ right
-    hand.skinning_weights = hand.skinning_weights / hand.skinning_weights.sum(dim=1, keepdim=True)
-    return hand
+    weights = hand.skinning_weights / hand.skinning_weights.sum(dim=1, keepdim=True)
+    return hand.with_arrays(frames=left @ right, skinning_weights=weights)
 
 
 def test_agrees_with_skinning_written_out_vertex_by_vertex(hand64: HandModel) -> None:

@@ -10,21 +10,15 @@ derivative by an angle is therefore axis × (sum over the subtree), without any 
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from hand_recon.hand.anatomical_frame import angles_to_rotation
+from hand_recon.hand.kinematics import CHAINS
 from hand_recon.hand.model import HandModel
-from hand_recon.hand.skeleton import JOINT_LEVELS, PARENTS, ROOT_JOINT
-
-LEVEL_ORDER: Final[tuple[int, ...]] = (0, *(joint for level in JOINT_LEVELS for joint in level))
-"""Joints by depth in the skeleton: the order of joints in this package's tensors."""
-
-FINGERS: Final = len(JOINT_LEVELS[0])
-"""Chains of joints that begin at the wrist."""
+from hand_recon.hand.skeleton import LEVEL_ORDER, PARENTS, ROOT_JOINT
 
 
 def subtrees() -> Bool[Tensor, "joint=16 joint=16"]:
@@ -166,7 +160,7 @@ class Skeleton:
         steps = product(self._between, local)
         parent = root_rotation.permute(1, 2, 0)[:, :, None]
         levels = [parent]
-        for level in steps.split(FINGERS, dim=2):
+        for level in steps.split(CHAINS, dim=2):
             parent = product(parent, level)
             levels.append(parent)
         orientations = torch.cat(levels, dim=2)

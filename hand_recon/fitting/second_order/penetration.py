@@ -12,11 +12,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from hand_recon.fitting.second_order.chain import LEVEL_ORDER, Skeleton, chain_vertices, subtrees
+from hand_recon.fitting.second_order.chain import Skeleton, chain_vertices, subtrees
 from hand_recon.fitting.second_order.least_squares import Model
 from hand_recon.fitting.second_order.levenberg_marquardt import Loss
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, SHAPE, Unknowns
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import LEVEL_ORDER
 from hand_recon.knowledge.penetration.contact import Contacts
 from hand_recon.knowledge.terms import NonPenetrationTerm
 

@@ -7,13 +7,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.fitting.second_order.chain import (
-    LEVEL_ORDER,
     Skeleton,
     chain_points,
     subtrees,
 )
 from hand_recon.fitting.second_order.unknowns import ANGLES, COUNT, ROTATION, Unknowns
 from hand_recon.hand.model import HandModel
+from hand_recon.hand.skeleton import LEVEL_ORDER
 
 NEAREST = 0.01
 """Depth to which points are clamped, metres, as `hand_recon.camera.project` has it."""
