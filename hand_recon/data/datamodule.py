@@ -2,16 +2,17 @@
 
 import logging
 import zlib
-from collections.abc import Callable, Iterator, Sized
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import lightning
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torch.utils.data import DataLoader, Sampler
+from torch.utils.data import DataLoader
 
 from hand_recon.data.augment import Augmentation, to_float
+from hand_recon.data.sample_order import EpochSampler, ResumableLoader, SeededShuffle, limit_threads
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
 
@@ -206,11 +207,12 @@ class HandDataModule(lightning.LightningDataModule):
         split: str,
         batch_size: int,
         *,
-        sampler: Sampler[int] | None = None,
+        sampler: EpochSampler | None = None,
         drop_last: bool = False,
     ) -> DataLoader[HandSample]:
         dataset = self.dataset(split)
-        return DataLoader(
+        loader: type[DataLoader[HandSample]] = DataLoader if sampler is None else ResumableLoader
+        return loader(
             _Batches(dataset) if isinstance(dataset, BatchedDataset) else dataset,  # type: ignore[arg-type]  # any sized, indexable object will do
             batch_size=batch_size,
             sampler=sampler,
@@ -253,46 +255,3 @@ def load_batch(dataset: HandDataset, indices: list[int]) -> HandBatch:
 
 def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:
     return samples if isinstance(samples, HandBatch) else collate(samples)
-
-
-class EpochSampler(Sampler[int]):
-    """Sampler whose order depends only on the seed and the epoch, so that a run can be resumed."""
-
-    def __init__(self, seed: int) -> None:
-        """Start with the first epoch."""
-        self.seed = seed
-        self.epoch = 0
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the epoch; Lightning calls this at the start of each epoch."""
-        self.epoch = epoch
-
-    def generator(self) -> torch.Generator:
-        """Random number generator of this epoch."""
-        key = repr((self.seed, self.epoch)).encode()
-        return torch.Generator().manual_seed(zlib.crc32(key))
-
-
-class SeededShuffle(EpochSampler):
-    """All samples of a dataset, in a new order in each epoch."""
-
-    def __init__(self, dataset: Sized, seed: int) -> None:
-        """Shuffle the indices of `dataset`."""
-        super().__init__(seed)
-        self.dataset = dataset
-
-    def __iter__(self) -> Iterator[int]:
-        yield from torch.randperm(len(self.dataset), generator=self.generator()).tolist()
-
-    def __len__(self) -> int:
-        return len(self.dataset)
-
-
-def limit_threads(worker: int) -> None:
-    """Limit each loading process to one thread: more threads than cores are slower."""
-    # Imported here, so that a training from decoded images needs no OpenCV.
-    import cv2
-
-    del worker
-    torch.set_num_threads(1)
-    cv2.setNumThreads(0)

@@ -5,7 +5,7 @@ alone. No hand is repeated in an epoch before all hands of its dataset have been
 """
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +16,8 @@ from torch.utils.data import DataLoader
 
 from hand_recon.camera import default_intrinsics
 from hand_recon.data.augment import Augmentation
-from hand_recon.data.datamodule import EpochSampler, HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.sample_order import EpochSampler
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters, HandSample
 
@@ -92,7 +93,8 @@ class WeightedShuffle(EpochSampler):
         self.sizes = tuple(sizes)
         self.counts = tuple(counts)
 
-    def __iter__(self) -> Iterator[int]:
+    def order(self) -> list[int]:
+        """Indices into the concatenation of the parts."""
         generator = self.generator()
         drawn, start = [], 0
         for size, count in zip(self.sizes, self.counts, strict=True):
@@ -101,7 +103,7 @@ class WeightedShuffle(EpochSampler):
             drawn += [start + torch.cat(orders)[:count]] if rounds else []
             start += size
         every = torch.cat(drawn)
-        yield from every[torch.randperm(len(every), generator=generator)].tolist()
+        return list(every[torch.randperm(len(every), generator=generator)].tolist())
 
     def __len__(self) -> int:
         return sum(self.counts)
