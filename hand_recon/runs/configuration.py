@@ -51,6 +51,7 @@ TRUSTED: Final = frozenset(
         "hand_recon.knowledge.terms.ShapeTerm",
         "hand_recon.regressor.error_feedback.Regressor",
         "hand_recon.runs.clip.options.MotionOptions",
+        "hand_recon.runs.last_checkpoint.LastCheckpoint",
         "hand_recon.runs.photo_results.PhotoOptions",
         "hand_recon.training.schedules.warmup_cosine",
         "hand_recon.training.supervision.Landmarks3D",

@@ -1,17 +1,29 @@
-"""Continues an interrupted run in a new folder, with the settings and the best checkpoint of the old one."""
+"""Continues an interrupted run in a new folder, from exactly its last checkpoint (decisions 21 and 88)."""
 
+import csv
+import io
 import logging
+import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import lightning
+from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig
 
+from hand_recon.runs.checkpoint_writer import (
+    BEFORE_LAST,
+    LAST,
+    METRICS_KEY,
+    damage,
+    write_checkpoint,
+)
 from hand_recon.runs.checkpoints import VERSION_KEY, read_checkpoint
 from hand_recon.runs.configuration import plain, refuse_outdated
+from hand_recon.runs.unfinished import hand_over, lock
+from hand_recon.runs.unfinished_runs import newest_unfinished
 
 logger = logging.getLogger(__name__)
 
@@ -26,32 +38,52 @@ OF_THE_MACHINE: Final = frozenset(
 )
 """Settings that may differ: paths of files and numbers of processes."""
 
+AUTO: Final = "auto"
+"""Value of `resume` for the newest unfinished run of the same configuration."""
+
 
 @dataclass(frozen=True)
 class Earlier:
     """The run that is continued."""
 
-    last: Path
-    """Last checkpoint."""
-    best: Path
-    """Best checkpoint."""
-    score: float
-    """Validation loss of the best checkpoint."""
-    epochs: int
-    """Finished epochs."""
+    file: Path
+    """Its last checkpoint that is whole."""
+    content: dict[str, Any]
+    """Its contents."""
+
+    @property
+    def folder(self) -> Path | None:
+        """The run's folder; none for a checkpoint that lies elsewhere."""
+        return _run_of(self.file)
+
+    @property
+    def batches(self) -> int:
+        """Training batches that it made."""
+        loops = self.content["loops"]["fit_loop"]
+        return int(loops["epoch_loop.batch_progress"]["total"]["ready"])
 
 
 def earlier_run(config: DictConfig) -> Earlier | None:
     """Find the run to continue and check that its settings are the same; None for a new run.
 
+    Args:
+        config: Its `resume` is a checkpoint, a run's folder, `auto` or none; `auto` becomes the folder.
+
     Raises:
         FileNotFoundError: There is no such checkpoint.
-        ValueError: It was trained with other settings.
+        FileExistsError: The run is still going on.
+        ValueError: It was trained with other settings, or its checkpoints are damaged.
     """
+    if config.resume == AUTO:
+        found = newest_unfinished(config)
+        config.resume = None if found is None else str(found)
     if config.resume is None:
         return None
     path = Path(config.resume).expanduser()
-    path = path / "checkpoints" / "last.ckpt" if path.is_dir() else path
+    run = path if path.is_dir() else _run_of(path)
+    if run is not None and run.is_dir():
+        lock(run)
+    path = last_whole(path)
     checkpoint, saved = read_checkpoint(path)
     refuse_outdated(saved, str(path), checkpoint.get(VERSION_KEY))
     before, now = dict(_settings(plain(saved))), dict(_settings(plain(config)))
@@ -62,49 +94,117 @@ def earlier_run(config: DictConfig) -> Earlier | None:
             f"{path} was trained with other settings: {described}. A run is continued with the settings that "
             "it had (config.yaml in its folder lists them)."
         )
-    scores = [
-        float(state["best_model_score"])
-        for name, state in checkpoint["callbacks"].items()
-        if name.startswith("ModelCheckpoint")
-    ]
-    # A checkpoint holds the number of the epoch, from zero, at whose end it was written.
-    return Earlier(path, path.with_name("best.ckpt"), min(scores), int(checkpoint["epoch"]) + 1)
+    if "optimizer_states" not in checkpoint:
+        raise ValueError(
+            f"{path} has weights alone, without the state of the optimizer. Continue from {LAST} beside it, "
+            "or from the run's folder."
+        )
+    logger.info("Continuing %s from step %d.", path, checkpoint["global_step"])
+    return Earlier(path, checkpoint)
 
 
-def best_checkpoint(trainer: lightning.Trainer, folder: Path, earlier: Earlier | None) -> Path:
-    """Find the best checkpoint of a run and of the one that it continued, in the run's own folder.
-
-    Args:
-        trainer: After training.
-        folder: Of the run.
-        earlier: What it continued.
+def last_whole(path: Path) -> Path:
+    """The last checkpoint that is whole: the file itself, or a run's last one or the one before.
 
     Raises:
-        ValueError: Nothing was trained.
+        ValueError: All of them are damaged.
     """
-    callback = trainer.checkpoint_callback
-    found = Path(getattr(callback, "best_model_path", "") or "absent")
-    score = getattr(callback, "best_model_score", None)
-    # If no epoch was left to train, Lightning still has the path in the earlier folder.
-    trained = found.is_relative_to(folder) and found.is_file()
-    if not trained and earlier is None:
+    last = path / "checkpoints" / LAST if path.is_dir() else path
+    candidates = [last, last.with_name(BEFORE_LAST)] if last.name == LAST else [last]
+    there = [file for file in candidates if file.is_file()]
+    damaged: dict[Path, str] = {}
+    for file in there:
+        reason = damage(file)
+        if reason is None:
+            for other, found in damaged.items():
+                logger.warning(
+                    "%s is damaged (%s); the one before, %s, is used.", other, found, file.name
+                )
+            return file
+        damaged[file] = reason
+    if damaged:
+        described = "; ".join(f"{file}: {reason}" for file, reason in damaged.items())
         raise ValueError(
-            f"Nothing was trained in {trainer.max_epochs} epochs: give trainer.max_epochs=1 or more."
+            f"The checkpoint is damaged, and there is no other ({described}). Continue from an older copy, "
+            "or train again without resume."
         )
-    if earlier is None or (trained and score is not None and float(score) < earlier.score):
-        return found
-    if not earlier.best.is_file():
-        raise ValueError(
-            f"The best checkpoint so far, {earlier.best}, is gone, and nothing better was found. "
-            "Score the last one with python -m hand_recon.evaluate ckpt=<folder>/checkpoints/last.ckpt"
+    return last
+
+
+def adopt(earlier: Earlier, folder: Path) -> Path:
+    """Copy a run's checkpoints into the folder of the one that continues it.
+
+    So a run that is killed at once, or that has nothing left to do, is as complete as the one before.
+
+    Args:
+        earlier: The run that is continued.
+        folder: The new run's.
+
+    Returns:
+        The new run's last checkpoint.
+    """
+    checkpoints = Path(os.path.realpath(folder / "checkpoints"))
+    checkpoints.mkdir(parents=True, exist_ok=True)
+    best = _copy_best(earlier.file.with_name("best.ckpt"), checkpoints)
+    callbacks = dict(earlier.content["callbacks"])
+    for name, state in list(callbacks.items()):
+        if name.startswith("ModelCheckpoint"):
+            # Without its state, the next validation is the best so far.
+            callbacks.pop(name)
+            if best is not None and state["best_model_score"] is not None:
+                callbacks[name] = _moved(state, best)
+    write_checkpoint(earlier.content | {"callbacks": callbacks}, checkpoints / LAST)
+    if earlier.folder is not None:
+        hand_over(earlier.folder)
+    return checkpoints / LAST
+
+
+def _run_of(file: Path) -> Path | None:
+    return file.parent.parent if file.parent.name == "checkpoints" else None
+
+
+def _copy_best(file: Path, checkpoints: Path) -> Path | None:
+    """Copy the best checkpoint; None where there is no whole one."""
+    if not file.is_file():
+        return None
+    if (reason := damage(file)) is not None:
+        logger.warning(
+            "%s is damaged (%s): the best checkpoint will be one from now on.", file, reason
         )
-    logger.info("The best checkpoint is still that of %s.", earlier.best.parent.parent)
-    kept = folder / "checkpoints" / "best_earlier.ckpt"
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy2(earlier.best, kept)
-    if trained:
-        found.rename(found.with_name("best_continued.ckpt"))
-    return kept.rename(kept.with_name("best.ckpt"))
+        return None
+    return Path(shutil.copy2(file, checkpoints / file.name))
+
+
+def _moved(state: dict[str, Any], best: Path) -> dict[str, Any]:
+    """State of Lightning's ModelCheckpoint, with its one best checkpoint in another folder."""
+    score = state["best_model_score"]
+    return state | {
+        "best_model_path": str(best),
+        "kth_best_model_path": str(best),
+        "best_k_models": {str(best): score},
+        "kth_value": score,
+        "dirpath": str(best.parent),
+        "last_model_path": "",
+    }
+
+
+def repeat_metrics(earlier: Earlier, loggers: Iterable[Logger]) -> None:
+    """Log the scalars of the run that is continued, up to its checkpoint, so that each step is there once.
+
+    Args:
+        earlier: The run that is continued.
+        loggers: Loggers of the new run.
+    """
+    for row in csv.DictReader(io.StringIO(earlier.content.get(METRICS_KEY, ""))):
+        values = {name: _number(text) for name, text in row.items() if text}
+        step = int(values.pop("step"))
+        for one in loggers:
+            one.log_metrics(values, step)
+
+
+def _number(text: str) -> float:
+    """The number; a whole one stays whole."""
+    return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
 def _settings(config: Mapping[str, Any]) -> Iterator[tuple[str, object]]:

@@ -1,15 +1,21 @@
 """Trains a model, tests its best checkpoint and writes the results (Sec. 3.4, 4)."""
 
 import logging
+import os
 import time
+from pathlib import Path
 from typing import Any
 
 import lightning
+from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
+from hand_recon import __version__
+from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.runs.building import build_data, build_module, check_input
+from hand_recon.runs.checkpoint_writer import WholeCheckpoints
 from hand_recon.runs.checkpoints import ConfigInCheckpoint, load_trained
 from hand_recon.runs.configuration import (
     check_extra,
@@ -18,10 +24,18 @@ from hand_recon.runs.configuration import (
     instantiate,
     plain,
 )
+from hand_recon.runs.last_checkpoint import sigterm_ends_the_process
+from hand_recon.runs.offending_batch import save_batch
 from hand_recon.runs.results import Run, finish_run, mean_pose
-from hand_recon.runs.resuming import best_checkpoint, earlier_run
+from hand_recon.runs.resuming import Earlier, adopt, earlier_run, repeat_metrics
 from hand_recon.runs.sigma_calibration import SigmaInCheckpoint
 from hand_recon.runs.training_progress import is_interactive, progress_callback, quiet_libraries
+from hand_recon.runs.unfinished import finish, mark_unfinished
+from hand_recon.runs.unfinished_runs import training_settings
+from hand_recon.training.epoch_losses import EpochLosses
+from hand_recon.training.module import HandReconstruction
+from hand_recon.training.non_finite import NonFiniteLossError
+from hand_recon.training.seeded_steps import SeededSteps
 
 logger = logging.getLogger(__name__)
 
@@ -34,14 +48,21 @@ def train(config: DictConfig) -> dict[str, Any]:
 
     Returns:
         What `metrics.json` holds.
+
+    Raises:
+        SystemExit: SIGTERM ended the training; status 143.
     """
     check_extra("tensorboard", "matplotlib", "jinja2")
+    with sigterm_ends_the_process():
+        return _train(config)
+
+
+def _train(config: DictConfig) -> dict[str, Any]:
     lightning.seed_everything(config.seed, workers=True, verbose=False)
     quiet_libraries()
     threads = configure_process(config.threads)
     earlier = earlier_run(config)
-    folder = claim_folder(config.paths.run)
-    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    folder = _begin(config)
     data, module = build_data(config), build_module(config)
     check_input(module, data)
     parameters = sum(parameter.numel() for parameter in module.parameters())
@@ -51,27 +72,73 @@ def train(config: DictConfig) -> dict[str, Any]:
     data.setup("fit")
     mean = mean_pose(data)
     trainer = build_trainer(config, mean)
-    started = time.monotonic()
-    trainer.fit(
-        module,
-        datamodule=data,
-        ckpt_path=None if earlier is None else earlier.last,
-        weights_only=True,
-    )
-    seconds = time.monotonic() - started
-    best = best_checkpoint(trainer, folder, earlier)
-    epochs = trainer.current_epoch - (0 if earlier is None else earlier.epochs)
-    images = epochs * trainer.num_training_batches * data.batch_size
+    seconds = _fit(trainer, module, data, earlier, folder)
+    best = best_checkpoint(trainer)
+    batches = trainer.fit_loop.total_batch_idx + 1 - (0 if earlier is None else earlier.batches)
     facts = {
-        "checkpoint": str(best.relative_to(folder)),
+        "checkpoint": str(best.relative_to(os.path.realpath(folder))),
         "parameters": parameters,
         "train_seconds": round(seconds, 1),
-        "train_images_per_second": round(images / max(seconds, 1e-9), 1),
+        "train_images_per_second": round(batches * data.batch_size / max(seconds, 1e-9), 1),
         "epochs": trainer.current_epoch,
     }
-    return finish_run(
+    metrics = finish_run(
         Run(config, folder, load_trained(best, composed=config).module, data, mean, facts)
     )
+    finish(folder)
+    return metrics
+
+
+def _begin(config: DictConfig) -> Path:
+    """Make the run's folder, marked as unfinished."""
+    folder = claim_folder(config.paths.run)
+    mark_unfinished(folder, {"training": training_settings(config), "version": __version__})
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    return folder
+
+
+def _fit(
+    trainer: lightning.Trainer,
+    module: HandReconstruction,
+    data: HandDataModule,
+    earlier: Earlier | None,
+    folder: Path,
+) -> float:
+    """Train, from the checkpoint of an earlier run if there is one; the seconds that it took.
+
+    Raises:
+        FloatingPointError: A loss is not finite; its batch is in the run's folder.
+    """
+    last = None
+    if earlier is not None:
+        last = adopt(earlier, folder)
+        repeat_metrics(earlier, trainer.loggers)
+    started = time.monotonic()
+    try:
+        trainer.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
+    except NonFiniteLossError as error:
+        file = save_batch(error, folder)
+        raise FloatingPointError(f"{error} The batch is in {file} (torch.load).") from error
+    return time.monotonic() - started
+
+
+def best_checkpoint(trainer: lightning.Trainer) -> Path:
+    """The best checkpoint of a run and of those that it continues.
+
+    Args:
+        trainer: After training.
+
+    Raises:
+        ValueError: Nothing was trained.
+    """
+    savers = (one for one in trainer.callbacks if isinstance(one, ModelCheckpoint))  # type: ignore[attr-defined]
+    path = Path(next((one.best_model_path for one in savers), "") or "absent")
+    if not path.is_file():
+        raise ValueError(
+            f"Nothing was trained and validated in {trainer.max_epochs} epochs: give trainer.max_epochs=1 or "
+            "more."
+        )
+    return path
 
 
 def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trainer:
@@ -93,9 +160,12 @@ def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trai
             *callbacks,
             ConfigInCheckpoint(plain(config), points),
             SigmaInCheckpoint(),
+            SeededSteps(config.seed),
+            EpochLosses(),
             progress_callback(),
         ],
         logger=loggers,
+        plugins=[WholeCheckpoints()],
         enable_progress_bar=is_interactive(),
     )
     return trainer

@@ -26,6 +26,9 @@ logger = logging.getLogger(__name__)
 MARK: Final = "unfinished.json"
 """File of an unfinished folder: the settings and inputs of the command that writes there."""
 
+CONTINUED: Final = "continued.json"
+"""The mark of a training whose checkpoints another folder has taken over."""
+
 _NO_RESULT: Final = frozenset({"output", "threads", "strict", "json", "paths", "landmarks", "name"})
 """Settings that the numbers of the results do not depend on, or whose files are compared instead."""
 
@@ -44,6 +47,21 @@ def make_folder(folder: Path) -> None:
         ) from error
 
 
+def mark_unfinished(folder: Path, settings: dict[str, Any]) -> None:
+    """Mark a new folder of results and keep other commands out of it; `finish` ends both.
+
+    Args:
+        folder: A folder that `claim_folder` made.
+        settings: What the results depend on, as JSON holds it.
+
+    Raises:
+        FileExistsError: Another command is writing there.
+    """
+    folder = folder.absolute()
+    lock(folder)
+    _write(folder / MARK, settings)
+
+
 def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[str, Any]) -> bool:
     """Make a folder for results, or recognize one that the same command left unfinished.
 
@@ -60,7 +78,7 @@ def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[st
     """
     folder = Path(path).expanduser().absolute()
     make_folder(folder)
-    _lock(folder)
+    lock(folder)
     taken = [name for name in products if (folder / name).exists()]
     mark = folder / MARK
     if not taken and not mark.exists():
@@ -118,23 +136,25 @@ def finish(folder: str | Path) -> None:
     """Remove the mark: the results are complete."""
     folder = Path(folder).expanduser().absolute()
     (folder / MARK).unlink()
-    if (lock := _locks.pop(folder, None)) is not None:
-        os.close(lock)
+    _unlock(folder)
 
 
 _locks: dict[Path, int] = {}
 
 
-def _lock(folder: Path) -> None:
+def lock(folder: Path) -> None:
     """Keep other commands out of a folder until this process ends, where the system has such locks.
+
+    Args:
+        folder: Of results.
 
     Raises:
         FileExistsError: Another command is writing there.
     """
+    folder = folder.absolute()
     if fcntl is None:
         return
-    if (earlier := _locks.pop(folder, None)) is not None:
-        os.close(earlier)
+    _unlock(folder)
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -149,6 +169,49 @@ def _lock(folder: Path) -> None:
         os.close(handle)
         return
     _locks[folder] = handle
+
+
+def is_in_use(folder: Path) -> bool:
+    """True if another process writes into a folder of results; unknown, and so false, without locks.
+
+    Args:
+        folder: Of results, which this process does not write into.
+    """
+    try:
+        lock(folder)
+    except FileExistsError:
+        return True
+    _unlock(folder.absolute())
+    return False
+
+
+def hand_over(folder: Path) -> None:
+    """Turn the mark of an unfinished folder, which another one now continues, into that of a continued one.
+
+    Args:
+        folder: Of results; it may be one that cannot be written to.
+    """
+    folder = folder.absolute()
+    try:
+        (folder / MARK).rename(folder / CONTINUED)
+    except OSError:
+        logger.debug("%s has no mark that can be changed.", folder)
+    _unlock(folder)
+
+
+def _unlock(folder: Path) -> None:
+    if (handle := _locks.pop(folder, None)) is not None:
+        os.close(handle)
+
+
+def _let_go() -> None:
+    """Close the locks in a process that was forked, which would keep them after a kill of this one."""
+    while _locks:
+        os.close(_locks.popitem()[1])
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 def settings_of(config: DictConfig, files: Sequence[str]) -> dict[str, Any]:

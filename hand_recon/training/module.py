@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Any, Final
 
 import lightning
 import torch
@@ -17,6 +17,8 @@ from hand_recon.knowledge.adversarial import AdversarialTerm, Adversary
 from hand_recon.knowledge.prior import Prior
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import HandBatch, HandPrediction
+from hand_recon.training.epoch_losses import LOSSES
+from hand_recon.training.non_finite import refuse_non_finite
 from hand_recon.training.supervision import Landmarks3D
 from hand_recon.uncertainty import DataTerm
 
@@ -157,11 +159,11 @@ class HandReconstruction(lightning.LightningModule):
             )
         adversary.set_real_hands(real)
 
-    def training_step(self, batch: HandBatch, batch_index: int) -> Tensor:
-        """One step of Sec. 3.4.
+    def training_step(self, batch: HandBatch, batch_index: int) -> dict[str, Any]:
+        """One step of Sec. 3.4; every loss, detached, is for callbacks.
 
         Raises:
-            FloatingPointError: The loss is not finite.
+            NonFiniteLossError: The loss is not finite.
         """
         prediction = self(batch)
         if self._stage_begins():
@@ -171,9 +173,9 @@ class HandReconstruction(lightning.LightningModule):
         # Before the losses: between a generator loss and its gradient, the weights of D must not change.
         learnt = self._train_adversary(prediction)
         losses = self.losses(batch, prediction) | learnt
-        self._refuse_non_finite(losses, batch)
-        self._log("train", losses, len(batch))
-        return losses["loss"]
+        refuse_non_finite(losses, batch, self.global_step)
+        detached = {name: value.detach() for name, value in losses.items()}
+        return {"loss": losses["loss"], LOSSES: detached}
 
     def _train_adversary(self, prediction: HandPrediction) -> dict[str, Tensor]:
         """One step of the discriminator, where there is one; its loss by name."""
@@ -264,16 +266,6 @@ class HandReconstruction(lightning.LightningModule):
                 batch_size=batch_size,
                 sync_dist=True,
             )
-
-    def _refuse_non_finite(self, losses: dict[str, Tensor], batch: HandBatch) -> None:
-        if torch.isfinite(losses["loss"]):
-            return
-        values = {name: float(value.detach()) for name, value in losses.items()}
-        raise FloatingPointError(
-            f"The loss is not finite at step {self.global_step}: {values}. "
-            f"The batch held {list(batch.source[:8])}. Lower the learning rate "
-            "(optimizer.lr), or look at these samples."
-        )
 
 
 def reference_residual(
