@@ -1,9 +1,11 @@
 """Ray casting with Embree, for rendering, shadows and occlusion of landmarks."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Int
 
@@ -22,6 +24,12 @@ class Hits:
     """Distance along the ray, in multiples of its direction's length."""
 
 
+@cache
+def _device() -> EmbreeDevice:
+    """Embree's device, one for all scenes of a process."""
+    return EmbreeDevice()
+
+
 class RayScene:
     """Triangles in a structure for fast ray casting."""
 
@@ -34,7 +42,7 @@ class RayScene:
             vertices: Vertices, metres.
             faces: Triangles.
         """
-        self._scene = EmbreeScene()
+        self._scene = EmbreeScene(_device())
         self._mesh = TriangleMesh(self._scene, vertices.astype(np.float32), faces.astype(np.int32))
 
     def nearest(

@@ -22,6 +22,7 @@ _THUMB_ANGLES: Final = (
 )  # fmt: skip
 DIP_FOLLOWS_PIP: Final = 2 / 3
 """Noise of a DIP joint over that of its PIP joint; one tendon bends both (Sec. 3.2)."""
+_HINGES: Final = [i for i, joint in enumerate(ARTICULATED) if joint.endswith(("PIP", "DIP"))]
 _OVERSTRETCHED: Final = np.radians(-5.0)
 """Least bend of a PIP or DIP joint in a natural pose, radians."""
 
@@ -110,7 +111,7 @@ def sample_pose(
     Returns:
         Bend, splay and twist from the anatomical neutral, radians.
     """
-    pool = [gesture for gesture in gesture_library() if gesture.held_out == held_out]
+    pool = _pool(held_out)
     count = int(random.choice([1, 2, 3], p=[0.35, 0.5, 0.15]))
     chosen = [pool[i].joint_angles for i in random.choice(len(pool), size=count, replace=False)]
     weights = random.dirichlet(np.full(count, 0.7))
@@ -119,9 +120,14 @@ def sample_pose(
         angles = _fingers_apart(random, chosen)
     angles = angles + _noise(random, np.radians(noise))
     # PIP and DIP joints overstretch by a few degrees; the noise must not exceed that.
-    hinges = [i for i, joint in enumerate(ARTICULATED) if joint.endswith(("PIP", "DIP"))]
-    angles[hinges, BEND] = np.maximum(angles[hinges, BEND], _OVERSTRETCHED)
+    angles[_HINGES, BEND] = np.maximum(angles[_HINGES, BEND], _OVERSTRETCHED)
     return angles
+
+
+@cache
+def _pool(held_out: bool) -> tuple[Gesture, ...]:
+    """Gestures of the test split, or of the other splits."""
+    return tuple(gesture for gesture in gesture_library() if gesture.held_out == held_out)
 
 
 def _fingers_apart(

@@ -41,7 +41,8 @@ _NOT_HASHED: Final = frozenset({"datamodule.py", "dataset.py", "image_store.py"}
 """Modules of this package that images do not depend on."""
 
 _HASHED_ELSEWHERE: Final = (
-    "camera.py", "rendering/rays.py", "hand/model.py", "hand/anatomical_frame.py", f"hand/{ASSET}",
+    "camera.py", "rendering/rays.py", "hand/model.py", "hand/anatomical_frame.py", "hand/kinematics.py",
+    "hand/skinning.py", f"hand/{ASSET}",
 )  # fmt: skip
 """Files of other packages that images depend on."""
 

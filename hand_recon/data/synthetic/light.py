@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from hand_recon.data.synthetic.planes import cross, length, mixed
 from hand_recon.rendering.rays import RayScene
 
 _LIFT: Final = 0.002
@@ -102,11 +103,11 @@ def sky_visibility(
         normals: Unit vectors.
         reach: Largest distance of an occluder, metres.
     """
-    helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    first = np.cross(helper, normals)
-    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
-    frames = np.stack([first, np.cross(normals, first), normals], axis=1)
-    directions = _SKY @ frames
+    helper = np.where(np.abs(normals[:, 0]) < 0.7, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
+    first = cross(helper, normals.T)
+    first /= np.maximum(length(first), 1e-12)
+    frames = np.stack([first, cross(normals.T, first), normals.T])
+    directions = _SKY @ np.ascontiguousarray(frames.transpose(2, 0, 1))
     origins = np.broadcast_to((points + 1.5 * _LIFT * normals)[:, None], directions.shape)
     blocked = scene.blocked(origins.reshape(-1, 3), directions.reshape(-1, 3), reach)
     return 1 - blocked.reshape(len(points), -1).mean(axis=1)
@@ -115,10 +116,10 @@ def sky_visibility(
 def shade(
     lights: Lights,
     scene: RayScene,
-    points: Float[np.ndarray, "hit 3"],
+    points: Float[np.ndarray, "3 hit"],
     normals: Float[np.ndarray, "hit 3"],
     sky_share: Float[np.ndarray, " hit"],
-) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, " hit"]]:
+) -> tuple[Float[np.ndarray, "3 hit"], Float[np.ndarray, " hit"]]:
     """Compute the light on matt surfaces and the specular highlight of skin.
 
     Args:
@@ -131,20 +132,22 @@ def shade(
     Returns:
         Irradiance (linear, for an albedo of one) and the highlight's strength.
     """
-    facing = normals @ lights.key_direction
-    lit = np.ones(len(points))
+    facing, filled = normals @ lights.key_direction, normals @ lights.fill_direction
+    normals = np.ascontiguousarray(normals.T)
+    lit = np.ones(len(facing))
     if lights.shadows:
         asked = np.flatnonzero(facing > 0)
         towards = np.broadcast_to(lights.key_direction, (len(asked), 3))
-        lit[asked] = 1 - scene.blocked(points[asked] + _LIFT * normals[asked], towards)
-    wrapped = np.clip((facing[:, None] + _WRAP) / (1 + _WRAP), 0, None)
+        lifted = points[:, asked] + _LIFT * normals[:, asked]
+        lit[asked] = 1 - scene.blocked(lifted.T, towards)
+    wrap = _WRAP[:, None]
+    wrapped = np.maximum((facing + wrap) / (1 + wrap), 0)
     # Ambient occlusion also darkens the direct light, as an approximation of soft shadows.
-    direct = lights.key_colour * wrapped * (lit * (0.55 + 0.45 * sky_share))[:, None]
-    fill = np.clip(normals @ lights.fill_direction + 0.2, 0, None)[:, None] * lights.fill_colour
-    up = (0.5 - 0.5 * normals[:, 1])[:, None]
-    ambient = (lights.ground * (1 - up) + lights.sky * up) * (sky_share**1.4)[:, None]
-    to_eye = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    half = to_eye + lights.key_direction
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    glint = np.clip((normals * half).sum(axis=1), 0, None) ** 22 * lit * lights.sheen
-    return direct + (fill * sky_share[:, None]) + ambient, glint
+    light = lights.key_colour[:, None] * wrapped * (lit * (0.55 + 0.45 * sky_share))
+    light += np.maximum(filled + 0.2, 0) * lights.fill_colour[:, None] * sky_share
+    light += mixed(lights.ground, lights.sky, 0.5 - 0.5 * normals[1]) * sky_share**1.4
+    half = lights.key_direction[:, None] - points / length(points)
+    half /= length(half)
+    normals *= half
+    glint = np.maximum(normals[0] + normals[1] + normals[2], 0) ** 22 * lit * lights.sheen
+    return light, glint

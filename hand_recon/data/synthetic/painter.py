@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hand_recon.camera import project_array
 from hand_recon.data.synthetic.background import sample_background
 from hand_recon.data.synthetic.light import CLOUDED, sample_lights, shade, sky_visibility
+from hand_recon.data.synthetic.planes import length
 from hand_recon.data.synthetic.recipe import Recipe
 from hand_recon.data.synthetic.sensor import develop
 from hand_recon.data.synthetic.skin import (
-    SkinMap,
     SkinSpots,
     linear,
     paint_albedo,
@@ -22,8 +22,8 @@ from hand_recon.data.synthetic.skin import (
     sample_paint,
     sample_tone,
     skin_albedo,
-    skin_map,
 )
+from hand_recon.data.synthetic.skin_map import SkinMap, skin_map
 from hand_recon.data.synthetic.surface import OBJECT, SKIN, Surface, merged, vertex_normals
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.rendering.rays import Hits, RayScene
@@ -33,6 +33,9 @@ _FAR: Final = 10.0
 
 _STEP: Final = 0.006
 """Depth difference between neighbouring pixels above which they are an outline, metres."""
+
+_QUARTERS: Final = 0.25 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+"""Middles of the quarters of a pixel, from its middle, pixels."""
 
 _NORMAL, _SKY, _TEXTURE, _DORSAL, _KNUCKLE = slice(0, 3), 3, slice(4, 7), 7, 8
 
@@ -57,17 +60,26 @@ class _Features:
         """Interpolate the features at ray hits."""
         corners = self.corners[self.faces[hits.face]]
         values = (hits.weights[:, None] @ corners)[:, 0]
-        values[:, _NORMAL] /= np.maximum(
-            np.linalg.norm(values[:, _NORMAL], axis=1, keepdims=True), 1e-9
-        )
+        normals = np.ascontiguousarray(values[:, _NORMAL].T)
+        values[:, _NORMAL] = (normals / np.maximum(length(normals), 1e-9)).T
         return values
 
 
-def _features(surfaces: tuple[Surface, ...], scene: RayScene, skin: SkinMap) -> _Features:
+def _features(
+    surfaces: tuple[Surface, ...],
+    scene: RayScene,
+    skin: SkinMap,
+    seen: Int[np.ndarray, " hit"],
+) -> _Features:
+    """Attributes of all vertices; the sky visibility is computed only where a triangle is seen."""
     vertices, faces = merged(surfaces)
     material = np.concatenate([np.full(len(s.faces), s.material) for s in surfaces])
     normals = vertex_normals(vertices, faces)
-    sky = sky_visibility(scene, vertices, normals)
+    shown, needed = np.zeros(len(faces), dtype=bool), np.zeros(len(vertices), dtype=bool)
+    shown[seen] = True
+    needed[faces[shown]] = True
+    sky = np.zeros(len(vertices))
+    sky[needed] = sky_visibility(scene, vertices[needed], normals[needed])
     dorsal, knuckle = np.zeros(len(vertices)), np.zeros(len(vertices))
     dorsal[: len(skin.dorsal)], knuckle[: len(skin.knuckle)] = skin.dorsal, skin.knuckle
     # The forearm has the colours of the back of the hand except on its palmar side.
@@ -100,9 +112,9 @@ def render_image(
     samples = _cast_rays(scene, merged(surfaces)[0], intrinsics, size)
     colour, is_skin = _colours(random, recipe, index, surfaces, (scene, samples))
     behind = linear(sample_background(random, level, size, held_out=recipe.held_out))
-    image = (1 - samples.sum_per_pixel(np.ones(len(colour)), size))[..., None] * behind
-    for channel in range(3):
-        image[..., channel] += samples.sum_per_pixel(colour[:, channel], size)
+    image = (1 - samples.sum_per_pixel(np.ones(len(is_skin)), size)) * behind
+    for plane, light in zip(image, colour, strict=True):
+        plane += samples.sum_per_pixel(light, size)
     return develop(random, level, image), samples.sum_per_pixel(is_skin, size) > 0.5
 
 
@@ -112,7 +124,7 @@ class _Samples:
 
     hits: Hits
     """Hits of the rays on surfaces."""
-    points: Float[np.ndarray, "hit 3"]
+    points: Float[np.ndarray, "3 hit"]
     """Points of the hits in the camera's frame, metres."""
     pixel: Int[np.ndarray, " hit"]
     """Index of each hit's pixel, row by row."""
@@ -140,24 +152,35 @@ def _cast_rays(
     depth[centre.ray] = centre.distance
     grid, window = depth.reshape(-1, columns), np.ones((3, 3), dtype=np.uint8)
     outline = (cv2.dilate(grid, window) - cv2.erode(grid, window) > _STEP).ravel()
-    quarter = 0.25 * np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]])
-    steps = (quarter / [intrinsics[0, 0], intrinsics[1, 1], 1]).astype(np.float32)
-    finer = (rays[outline][:, None] + steps).reshape(-1, 3)
+    edge = np.flatnonzero(outline)
+    finer = _finer(rays[edge], intrinsics)
     fine = scene.nearest(np.zeros_like(finer), finer)
-    inside = ~outline[centre.ray]
+    inside = np.flatnonzero(~outline[centre.ray])
+    ray = centre.ray[inside]
     hits = Hits(
-        np.concatenate([centre.ray[inside], fine.ray]),
+        np.concatenate([ray, fine.ray]),
         np.concatenate([centre.face[inside], fine.face]),
         np.concatenate([centre.weights[inside], fine.weights]),
         np.concatenate([centre.distance[inside], fine.distance]),
     )
-    directions = np.concatenate([rays[centre.ray[inside]], finer[fine.ray]])
+    directions = np.concatenate([rays[ray], finer[fine.ray]])
     return _Samples(
         hits,
-        directions * hits.distance[:, None],
-        np.concatenate([pixels[centre.ray[inside]], pixels[outline][fine.ray // len(steps)]]),
-        np.concatenate([np.ones(inside.sum()), np.full(len(fine.ray), 1 / len(steps))]),
+        np.ascontiguousarray(directions.T) * hits.distance,
+        pixels[np.concatenate([ray, edge[fine.ray // len(_QUARTERS)]])],
+        np.concatenate([np.ones(len(ray)), np.full(len(fine.ray), 1 / len(_QUARTERS))]),
     )
+
+
+def _finer(
+    rays: Float[np.ndarray, "ray 3"], intrinsics: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "quarter 3"]:
+    """Rays through the middles of the quarters of pixels; those of one pixel follow each other."""
+    finer = np.ones((len(rays), len(_QUARTERS), 3), dtype=np.float32)
+    for axis in range(2):
+        steps = (_QUARTERS[:, axis] / intrinsics[axis, axis]).astype(np.float32)
+        finer[..., axis] = rays[:, axis, None] + steps
+    return finer.reshape(-1, 3)
 
 
 def _colours(
@@ -166,28 +189,32 @@ def _colours(
     index: int,
     surfaces: tuple[Surface, ...],
     seen: tuple[RayScene, _Samples],
-) -> tuple[Float[np.ndarray, "hit 3"], Bool[np.ndarray, " hit"]]:
+) -> tuple[Float[np.ndarray, "3 hit"], Bool[np.ndarray, " hit"]]:
     """Linear light that each hit reflects to the camera, and a mask of hits on skin."""
     scene, samples = seen
-    hits, points = samples.hits, samples.points
+    hits = samples.hits
     skin, person = _skin_map(recipe.landmark_set), recipe.random(index, "skin and light")
     level = recipe.level
     tone = plainer(sample_tone(person, held_out=recipe.held_out), level)
     lights = sample_lights(person, level.cast_shadows) if level.varied_light else CLOUDED
     paints = {material: sample_paint(random) for material in range(SKIN + 1, OBJECT + 1)}
-    features = _features(surfaces, scene, skin)
+    features = _features(surfaces, scene, skin, hits.face)
     values, material = features.at(hits), features.material[hits.face]
-    albedo = np.empty((len(material), 3), dtype=np.float32)
+    albedo = np.empty((3, len(material)), dtype=np.float32)
     is_skin = material == SKIN
-    own, vertex = values[is_skin], features.faces[hits.face[is_skin], 0]
+    chosen = np.flatnonzero(is_skin)
+    own, vertex = np.ascontiguousarray(values[chosen].T), features.faces[hits.face[chosen], 0]
     vertex = np.where(vertex < len(skin.dorsal), vertex, 0)
-    spots = SkinSpots(own[:, _TEXTURE], own[:, _DORSAL], own[:, _KNUCKLE], vertex)
-    albedo[is_skin] = skin_albedo(tone, skin, spots)
+    spots = SkinSpots(own[_TEXTURE], own[_DORSAL], own[_KNUCKLE], vertex)
+    albedo[:, chosen] = skin_albedo(tone, skin, spots)
     for which, paint in paints.items():
-        chosen = material == which
-        albedo[chosen] = paint_albedo(paint, values[chosen][:, _TEXTURE])
-    light, glint = shade(lights, scene, points, values[:, _NORMAL], values[:, _SKY])
-    return albedo * light + (glint * is_skin)[:, None], is_skin
+        chosen = np.flatnonzero(material == which)
+        albedo[:, chosen] = paint_albedo(paint, values[chosen][:, _TEXTURE])
+    sky = np.ascontiguousarray(values[:, _SKY])
+    light, glint = shade(lights, scene, samples.points, values[:, _NORMAL], sky)
+    light *= albedo
+    light += glint * is_skin
+    return light, is_skin
 
 
 def _camera_rays(

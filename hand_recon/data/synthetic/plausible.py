@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from hand_recon.data.synthetic.planes import length
+
 _SEGMENTS: Final = tuple(
     (start, end, radius)
     for finger in range(5)
@@ -42,9 +44,10 @@ def _pairs() -> Int[np.ndarray, "pair 2"]:
 
 
 _PAIRS: Final = _pairs()
-_STARTS: Final = np.array([segment[0] for segment in _SEGMENTS])
-_ENDS: Final = np.array([segment[1] for segment in _SEGMENTS])
-_RADII: Final = np.array([segment[2] for segment in _SEGMENTS])
+_STARTS: Final = np.array([segment[0] for segment in _SEGMENTS])[_PAIRS.T]
+_ENDS: Final = np.array([segment[1] for segment in _SEGMENTS])[_PAIRS.T]
+_RADII: Final = np.array([segment[2] for segment in _SEGMENTS])[_PAIRS].sum(axis=1)
+"""Landmarks at the starts and ends of both segments of each pair, and the sum of their radii."""
 
 
 def deepest_overlap(landmarks: Float[np.ndarray, "landmark=21 3"]) -> float:
@@ -53,31 +56,32 @@ def deepest_overlap(landmarks: Float[np.ndarray, "landmark=21 3"]) -> float:
     Args:
         landmarks: Metres, any frame.
     """
-    first, second = _PAIRS.T
-    distance = _segment_distance(
-        landmarks[_STARTS[first]], landmarks[_ENDS[first]],
-        landmarks[_STARTS[second]], landmarks[_ENDS[second]],
-    )  # fmt: skip
-    return float((_RADII[first] + _RADII[second] - distance).max())
+    points = np.ascontiguousarray(landmarks.T)
+    starts, ends = points[:, _STARTS], points[:, _ENDS]
+    distance = _segment_distance(starts[:, 0], ends[:, 0], starts[:, 1], ends[:, 1])
+    return float((_RADII - distance).max())
 
 
 def _segment_distance(
-    start: Float[np.ndarray, "pair 3"],
-    end: Float[np.ndarray, "pair 3"],
-    other_start: Float[np.ndarray, "pair 3"],
-    other_end: Float[np.ndarray, "pair 3"],
+    start: Float[np.ndarray, "3 pair"],
+    end: Float[np.ndarray, "3 pair"],
+    other_start: Float[np.ndarray, "3 pair"],
+    other_end: Float[np.ndarray, "3 pair"],
 ) -> Float[np.ndarray, " pair"]:
     """Distance of pairs of segments (Ericson, Real-Time Collision Detection, 2005, Sec. 5.1.9)."""
     along, other, between = end - start, other_end - other_start, start - other_start
-    a, e = (along**2).sum(axis=1), (other**2).sum(axis=1)
+    a, e = (along * along).sum(axis=0), (other * other).sum(axis=0)
     b, c, f = (
-        (along * other).sum(axis=1),
-        (along * between).sum(axis=1),
-        (other * between).sum(axis=1),
+        (along * other).sum(axis=0),
+        (along * between).sum(axis=0),
+        (other * between).sum(axis=0),
     )
     determinant = np.maximum(a * e - b * b, 1e-15)
-    s = np.clip((b * f - c * e) / determinant, 0, 1)
-    t = np.clip((b * s + f) / e, 0, 1)
-    s = np.clip((b * t - c) / a, 0, 1)
-    nearest = between + s[:, None] * along - t[:, None] * other
-    return np.asarray(np.linalg.norm(nearest, axis=1))
+    s = _share((b * f - c * e) / determinant)
+    t = _share((b * s + f) / e)
+    s = _share((b * t - c) / a)
+    return length(between + s * along - t * other)
+
+
+def _share(value: Float[np.ndarray, " pair"]) -> Float[np.ndarray, " pair"]:
+    return np.asarray(np.minimum(np.maximum(value, 0), 1))

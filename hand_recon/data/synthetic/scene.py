@@ -147,7 +147,7 @@ def _sample_hand(
     model, least = _model(recipe.landmark_set), np.inf
     for _ in range(_TRIES):
         tried = _sample_angles(recipe, random)
-        with torch.no_grad():
+        with torch.inference_mode():
             hand = model(torch.from_numpy(tried).float(), torch.from_numpy(shape).float())
         overlap = deepest_overlap(hand.landmarks.numpy())
         if overlap < least:

@@ -13,7 +13,7 @@ _GAMMA: Final = 1 / 2.2
 
 
 def develop(
-    random: np.random.Generator, level: Level, light: Float[np.ndarray, "height width 3"]
+    random: np.random.Generator, level: Level, light: Float[np.ndarray, "3 height width"]
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Convert linear light to an sRGB photograph with the level's blur, noise and compression.
 
@@ -22,9 +22,11 @@ def develop(
         level: Level with the largest blur, motion and noise, and the JPEG qualities.
         light: Linear light, about 0–1.
     """
-    scale = light.shape[0] / REFERENCE_SIZE
+    scale = light.shape[1] / REFERENCE_SIZE
     balance = np.exp(random.normal(scale=0.04, size=3) + random.normal(scale=0.12))
-    image: np.ndarray = np.ascontiguousarray(light * balance, dtype=np.float32)
+    image: np.ndarray = np.empty((*light.shape[1:], 3), dtype=np.float32)
+    for channel in range(3):
+        image[..., channel] = light[channel] * balance[channel]
     blur = random.uniform(0, level.blur) * scale
     if blur > 0.15:
         image = cv2.GaussianBlur(image, (0, 0), blur)
@@ -32,10 +34,14 @@ def develop(
     deviation = random.uniform(0.2, 1.0) * level.sensor_noise
     grain = random.standard_normal(image.shape, dtype=np.float32)
     # Shot noise grows with the square root of light, so it is uniform after the gamma curve.
-    shown = np.clip(image, 0, 1) ** np.float32(_GAMMA * random.uniform(0.9, 1.1))
-    shown = shown + np.float32(deviation) * grain
-    pixels = (np.clip(shown, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return _compressed(pixels, int(random.integers(*level.jpeg_quality)))
+    shown = np.clip(image, 0, 1, out=image)
+    shown **= np.float32(_GAMMA * random.uniform(0.9, 1.1))
+    grain *= np.float32(deviation)
+    shown += grain
+    np.clip(shown, 0, 1, out=shown)
+    shown *= 255
+    shown += 0.5
+    return _compressed(shown.astype(np.uint8), int(random.integers(*level.jpeg_quality)))
 
 
 def _motion_blurred(

@@ -5,15 +5,14 @@ as sharp as the image, independent of the resolution of the mesh.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from hand_recon.data.synthetic.levels import Level
-from hand_recon.data.synthetic.surface import vertex_normals
-from hand_recon.hand.model import HandModel
-from hand_recon.hand.skeleton import ARTICULATED, LANDMARKS, TIPS
+from hand_recon.data.synthetic.planes import mixed
+from hand_recon.data.synthetic.skin_map import CREASE, CREASE_REACH, NAIL, NAIL_BED, SkinMap
 
 Colour = Float[np.ndarray, " 3"]
 
@@ -28,112 +27,11 @@ _TONES: Final = np.array(
 
 _BLUSH: Final = np.array([0.02, 0.30, 0.26], dtype=np.float32)
 _MOTTLE: Final = np.array([0.6, 1.0, 1.0], dtype=np.float32)
-_NAIL: Final = np.array([0.0055, 0.0047], dtype=np.float32)
-"""Half length and half width of the middle finger's nail, metres."""
 
 
-def linear(srgb: Float[np.ndarray, "*point 3"]) -> Float[np.ndarray, "*point 3"]:
+def linear(srgb: Float[np.ndarray, "*colours"]) -> Float[np.ndarray, "*colours"]:
     """Convert sRGB values, 0–1, to linear light with gamma 2.2."""
     return np.asarray(np.clip(srgb, 0, 1) ** 2.2)
-
-
-@dataclass(frozen=True)
-class SkinMap:
-    """Positions of skin features on the rest pose of one hand asset."""
-
-    dorsal: Float[np.ndarray, " vertex"]
-    """Side of each vertex, from 1 on the dorsal to −1 on the palmar side of its segment."""
-    knuckle: Float[np.ndarray, " vertex"]
-    """Redness, 0–1, over the backs of joints and on the pads of the fingertips."""
-    nail_frames: Float[np.ndarray, "finger=5 3 3"]
-    """Axes of each nail in rows: towards the tip, dorsal, across."""
-    nail_centres: Float[np.ndarray, "finger=5 3"]
-    """Centre of each nail, metres."""
-    nail_size: Float[np.ndarray, " finger=5"]
-    """Size relative to the middle finger's nail."""
-    nail_of: Int[np.ndarray, " vertex"]
-    """Finger of the nearest nail."""
-    joints: Float[np.ndarray, "crease=9 3"]
-    """Centre of each crease, metres."""
-    frames: Float[np.ndarray, "crease=9 3 3"]
-    """Axes of each crease in rows: towards the wrist, dorsal, across."""
-    crease_of: Int[np.ndarray, " vertex"]
-    """Index of the nearest crease."""
-
-
-def skin_map(model: HandModel) -> SkinMap:
-    """Compute the skin map from a hand's rest pose."""
-    rest_vertices, rest_joints = (
-        tensor.numpy().astype(float)
-        for tensor in model.rest(model.template.new_zeros(model.shape_directions.shape[-1]))
-    )
-    frames = model.frames.numpy().astype(float)
-    normals = _normals(model, rest_vertices)
-    owner = model.skinning_weights.argmax(dim=1).numpy()
-    back = np.concatenate([[[0.0, 1.0, 0.0]], frames[:, :, 1]])[owner]
-    dorsal = (normals * back).sum(axis=1)
-    tips = _tips(model, rest_vertices, rest_joints)
-    red = np.concatenate([rest_joints[1:], tips])
-    distance = np.linalg.norm(rest_vertices[:, None] - red, axis=2)
-    strength = np.where(np.arange(len(red)) < len(ARTICULATED), 1.0, 0.8)
-    over = np.clip(dorsal, 0, 1)[:, None] * (np.arange(len(red)) < len(ARTICULATED))
-    over = over + (np.arange(len(red)) >= len(ARTICULATED))
-    knuckle = (np.exp(-((distance / 0.009) ** 2)) * strength * over).max(axis=1)
-    last = [ARTICULATED.index(_last_joint(tip)) for tip in TIPS]
-    nail_frames = np.stack([frames[j].T * [[-1.0], [1.0], [1.0]] for j in last])
-    thickness = np.array(
-        [_thickness(rest_vertices, t, f) for t, f in zip(tips, nail_frames, strict=True)]
-    )
-    centres = tips - 0.0065 * nail_frames[:, 0] + thickness[:, None] * nail_frames[:, 1]
-    creased = [i for i, name in enumerate(ARTICULATED) if not name.endswith(("MCP", "CMC"))]
-    return SkinMap(
-        dorsal,
-        knuckle,
-        nail_frames.astype(np.float32),
-        centres.astype(np.float32),
-        np.array([1.2, 1.0, 1.0, 0.95, 0.8], dtype=np.float32),
-        _nearest(rest_vertices, centres),
-        rest_joints[1:][creased].astype(np.float32),
-        frames[creased].transpose(0, 2, 1).astype(np.float32),
-        _nearest(rest_vertices, rest_joints[1:][creased]),
-    )
-
-
-def _nearest(
-    points: Float[np.ndarray, "point 3"], targets: Float[np.ndarray, "target 3"]
-) -> Int[np.ndarray, " point"]:
-    return np.asarray(np.linalg.norm(points[:, None] - targets, axis=2).argmin(axis=1))
-
-
-def _thickness(
-    vertices: Float[np.ndarray, "vertex 3"],
-    tip: Float[np.ndarray, " 3"],
-    frame: Float[np.ndarray, "3 3"],
-) -> float:
-    """Height of the dorsal surface of a fingertip above its landmark, metres."""
-    local = (vertices - tip) @ frame.T
-    near = (np.abs(local[:, 0] + 0.006) < 0.006) & (np.abs(local[:, 2]) < 0.008)
-    near &= np.abs(local[:, 1]) < 0.015
-    return float(local[near, 1].max()) if near.any() else 0.004
-
-
-def _last_joint(tip: int) -> str:
-    return LANDMARKS[tip - 1]
-
-
-def _tips(
-    model: HandModel,
-    vertices: Float[np.ndarray, "vertex 3"],
-    joints: Float[np.ndarray, "joint=16 3"],
-) -> Float[np.ndarray, "finger=5 3"]:
-    regressor = model.landmark_regressor.numpy().astype(float)
-    return np.asarray((regressor @ np.concatenate([vertices, joints]))[list(TIPS)])
-
-
-def _normals(
-    model: HandModel, vertices: Float[np.ndarray, "vertex 3"]
-) -> Float[np.ndarray, "vertex 3"]:
-    return vertex_normals(vertices, model.faces.numpy())
 
 
 @dataclass(frozen=True)
@@ -164,14 +62,20 @@ class SkinTone:
 class SkinSpots:
     """Visible points of the skin."""
 
-    texture: Float[np.ndarray, "hit 3"]
+    texture: Float[np.ndarray, "3 hit"]
     """Position in the rest pose, metres."""
     dorsal: Float[np.ndarray, " hit"]
     """Side, from −1 (palmar) to 1 (dorsal)."""
     knuckle: Float[np.ndarray, " hit"]
     """Redness, 0–1."""
     vertex: Int[np.ndarray, " hit"]
-    """Nearby vertex of the hand; 0 on the forearm, which has no nails or creases."""
+    """First vertex of the hand's triangle; 0 on the forearm, which has no nails or creases."""
+
+    def where(self, chosen: Bool[np.ndarray, " vertex"]) -> tuple[Int[np.ndarray, " some"], Self]:
+        """Points on triangles that begin with chosen vertices, and their indices."""
+        some = np.flatnonzero(chosen[self.vertex])
+        columns = self.texture[:, some], self.dorsal[some], self.knuckle[some], self.vertex[some]
+        return some, type(self)(*columns)
 
 
 def sample_tone(random: np.random.Generator, *, held_out: bool) -> SkinTone:
@@ -218,7 +122,7 @@ def _skin_colours(
     return back.astype(np.float32), palm.astype(np.float32), polish.astype(np.float32)
 
 
-def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "hit 3"]:
+def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, "3 hit"]:
     """Albedo of the skin at points of the rest pose.
 
     Args:
@@ -226,40 +130,44 @@ def skin_albedo(tone: SkinTone, skin: SkinMap, spots: SkinSpots) -> Float[np.nda
         skin: Positions of nails and creases.
         spots: Points to colour.
     """
-    share = np.clip(0.5 - 0.9 * spots.dorsal, 0, 1)[:, None]
-    albedo = tone.back * (1 - share) + tone.palm * share
-    albedo *= 1 - tone.blush * spots.knuckle[:, None] * _BLUSH
-    uneven = np.sin(spots.texture @ tone.waves[:, :3].T + tone.waves[:, 3]).mean(axis=1)
-    albedo *= 1 + 2 * tone.mottle * uneven[:, None] * _MOTTLE
-    albedo *= (1 - tone.creases * _creases(skin, spots))[:, None]
-    if not tone.nails:
-        return np.asarray(albedo)
-    nails = _nails(skin, spots)[:, None]
-    return np.asarray(albedo * (1 - nails) + tone.nail * nails)
+    albedo = mixed(tone.back, tone.palm, np.clip(0.5 - 0.9 * spots.dorsal, 0, 1))
+    albedo *= 1 - tone.blush * spots.knuckle * _BLUSH[:, None]
+    uneven = np.sin(tone.waves[:, :3] @ spots.texture + tone.waves[:, 3:]).mean(axis=0)
+    albedo *= 1 + 2 * tone.mottle * uneven * _MOTTLE[:, None]
+    some, creased = spots.where(skin.creased)
+    albedo[:, some] *= 1 - tone.creases * _creases(skin, creased)
+    if tone.nails:
+        some, nailed = spots.where(skin.nailed)
+        nails = _nails(skin, nailed)
+        albedo[:, some] = albedo[:, some] * (1 - nails) + tone.nail[:, None] * nails
+    return albedo
 
 
 def _creases(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
     """Strength, 0–1, of thin lines across the fingers at the joints, stronger on the palmar side."""
     which = skin.crease_of[spots.vertex]
-    local = _in_frames(spots.texture - skin.joints[which], skin.frames[which])
-    near = (np.abs(local[:, 1]) < 0.013) & (np.abs(local[:, 2]) < 0.012)
-    line = np.exp(-((local[:, 0] / np.float32(0.0009)) ** 2))
+    local = _in_frames(spots.texture.T, skin.joints[which], skin.frames[which])
+    near = (np.abs(local[:, 1:]) < CREASE_REACH[1:]).all(axis=1)
+    line = np.exp(-((local[:, 0] / CREASE) ** 2))
     return line * near * (0.65 - 0.35 * spots.dorsal)
 
 
 def _nails(skin: SkinMap, spots: SkinSpots) -> Float[np.ndarray, " hit"]:
     """Coverage by nails: 1 inside, 0 outside, with a soft edge."""
     which = skin.nail_of[spots.vertex]
-    local = _in_frames(spots.texture - skin.nail_centres[which], skin.nail_frames[which])
-    squared = (local[:, ::2] / (_NAIL * skin.nail_size[which][:, None])) ** 2
+    local = _in_frames(spots.texture.T, skin.nail_centres[which], skin.nail_frames[which])
+    squared = (local[:, ::2] / (NAIL * skin.nail_size[which][:, None])) ** 2
     radius = np.sqrt(np.sqrt((squared * squared).sum(axis=1)))
-    return np.clip((1 - radius) * 6, 0, 1) * (local[:, 1] > -0.0035)
+    return np.clip((1 - radius) * 6, 0, 1) * (local[:, 1] > NAIL_BED)
 
 
 def _in_frames(
-    offsets: Float[np.ndarray, "hit 3"], frames: Float[np.ndarray, "hit 3 3"]
+    points: Float[np.ndarray, "hit 3"],
+    origins: Float[np.ndarray, "hit 3"],
+    frames: Float[np.ndarray, "hit 3 3"],
 ) -> Float[np.ndarray, "hit 3"]:
     """Coordinates along the rows of each point's frame."""
+    offsets = np.ascontiguousarray(points) - origins
     return np.asarray((frames @ offsets[:, :, None])[:, :, 0])
 
 
@@ -285,8 +193,7 @@ def sample_paint(random: np.random.Generator) -> Paint:
     return Paint(colours, wave, contrast)
 
 
-def paint_albedo(paint: Paint, texture: Float[np.ndarray, "hit 3"]) -> Float[np.ndarray, "hit 3"]:
+def paint_albedo(paint: Paint, texture: Float[np.ndarray, "hit 3"]) -> Float[np.ndarray, "3 hit"]:
     """Albedo of the pattern at texture coordinates."""
     stripe = np.clip(2 * np.sin(texture @ paint.wave[:3] + paint.wave[3]), -1, 1)
-    share = (paint.contrast * (0.5 + 0.5 * stripe))[:, None]
-    return np.asarray(paint.colours[0] * (1 - share) + paint.colours[1] * share)
+    return mixed(paint.colours[0], paint.colours[1], paint.contrast * (0.5 + 0.5 * stripe))

@@ -4,10 +4,13 @@ All arrays are NumPy's, since images are rendered one at a time in worker proces
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from hand_recon.data.synthetic.planes import cross, length
 
 SKIN, CLOTH, OBJECT = 0, 1, 2
 FOREARM_LENGTH: Final = 0.26
@@ -34,15 +37,11 @@ def vertex_normals(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> Float[np.ndarray, "vertex 3"]:
     """Unit normals, weighted by the area of the triangles around each vertex."""
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    first, second, third = (vertices.T[:, corner] for corner in faces.T)
+    normals = np.repeat(cross(second - first, third - first), 3, axis=1)
     index = faces.ravel()
-    corner_normals = np.repeat(normals, 3, axis=0)
-    sums = np.stack(
-        [np.bincount(index, corner_normals[:, axis], minlength=len(vertices)) for axis in range(3)],
-        axis=1,
-    )
-    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+    sums = np.stack([np.bincount(index, plane, minlength=len(vertices)) for plane in normals])
+    return np.ascontiguousarray((sums / np.maximum(length(sums), 1e-12)).T)
 
 
 def merged(
@@ -54,14 +53,20 @@ def merged(
     return np.concatenate([s.vertices for s in surfaces]), np.concatenate(faces)
 
 
+@cache
 def tube_faces(rings: int, around: int, start: int = 0) -> Int[np.ndarray, "face 3"]:
-    """Triangles between consecutive rings of a tube whose rings are stored one after another."""
+    """Triangles between consecutive rings of a tube whose rings are stored one after another.
+
+    The array is shared by all callers and cannot be written to.
+    """
     ring, step = np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
     here = start + ring * around + step
     beside = start + ring * around + (step + 1) % around
     near = np.stack([here, beside, beside + around], axis=-1)
     far = np.stack([here, beside + around, here + around], axis=-1)
-    return np.concatenate([near.reshape(-1, 3), far.reshape(-1, 3)])
+    faces = np.concatenate([near.reshape(-1, 3), far.reshape(-1, 3)])
+    faces.flags.writeable = False
+    return faces
 
 
 @dataclass(frozen=True)
@@ -78,9 +83,11 @@ class Forearm:
     def centres(self, along: Float[np.ndarray, " ring"]) -> Float[np.ndarray, "ring 3"]:
         """Points of the centre line, from the wrist at 0, hand's axes, metres."""
         fine = np.linspace(0, along.max(), 64)
-        steps = np.diff(fine, prepend=0.0)[:, None] * _direction(*self._wrist_angles(fine))
-        line = np.cumsum(steps, axis=0)
-        return np.stack([np.interp(along, fine, line[:, axis]) for axis in range(3)], axis=1)
+        steps = _direction(*self._wrist_angles(fine))
+        steps[:, 1:] *= fine[1:] - fine[:-1]
+        steps[:, 0] = 0
+        line = np.cumsum(steps, axis=1)
+        return np.stack([np.interp(along, fine, plane) for plane in line], axis=1)
 
     def axes(
         self, along: Float[np.ndarray, " ring"]
@@ -88,10 +95,9 @@ class Forearm:
         """Dorsal direction and direction towards the thumb at points along the forearm."""
         flexion, deviation = self._wrist_angles(along)
         direction = _direction(flexion, deviation)
-        thumb = np.broadcast_to([0.0, 0.0, 1.0], direction.shape)
-        back = np.cross(thumb, direction)
-        back /= np.linalg.norm(back, axis=1, keepdims=True)
-        return back, np.cross(direction, back)
+        back = cross(np.array([[0.0], [0.0], [1.0]]), direction)
+        back /= length(back)
+        return back.T, cross(direction, back).T
 
     def _wrist_angles(
         self, along: Float[np.ndarray, " ring"]
@@ -103,15 +109,14 @@ class Forearm:
 
 def _direction(
     flexion: Float[np.ndarray, " ring"], deviation: Float[np.ndarray, " ring"]
-) -> Float[np.ndarray, "ring 3"]:
+) -> Float[np.ndarray, "3 ring"]:
     """Unit vector towards the elbow; palmar flexion moves the elbow to the palmar side."""
     return np.stack(
         [
             np.cos(flexion) * np.cos(deviation),
             -np.sin(flexion) * np.cos(deviation),
             np.sin(deviation),
-        ],
-        axis=1,
+        ]
     )
 
 
