@@ -90,8 +90,8 @@ table1-fit: $(STAMP)  ## The same by fitting 500 hands of each seed to noisy lan
 	$(BIN)/python -m hand_recon.fit -m data=views +experiment=$(ROWS) seed=$(SEEDS) descent.finger_table=false lifter=none $(AT_ONCE) $(ARGS)
 	$(BIN)/python -m hand_recon.report
 
-benchmark: $(STAMP)  ## What the knowledge losses cost, beside the published recipe and a ResNet-50.
-	$(BIN)/python -m tools.benchmark_knowledge $(ARGS)
+benchmark: $(STAMP)  ## Speed as ratios to the published formulas, with a report: ARGS="suite=layer,physics".
+	$(BIN)/python -m hand_recon.benchmark $(ARGS)
 
 # pytest's processes are the parallelism: threads that share their cores only slow them down.
 test test-all: export OMP_NUM_THREADS := 1

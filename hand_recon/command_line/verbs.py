@@ -104,6 +104,10 @@ VERBS: Final = {
             "hand_recon.runs.figures_run:figures", ("runs",), ("output",),
         ),
         Verb(
+            "benchmark", MODELS, "speed on this machine, as ratios to the published formulas",
+            "hand_recon.speed.run:benchmark", (), ("output", "baseline", "ckpt"), lists=("suite",),
+        ),
+        Verb(
             "doctor", DATA, "what this machine has, what is missing, and what to type next",
             "hand_recon.runs.diagnosis:doctor_command", ("folder",), ("dexycb", "mano"),
         ),

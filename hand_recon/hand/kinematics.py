@@ -6,16 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from hand_recon.hand.skeleton import LEVEL_ORDER
-
 CHAINS: Final = 5
-"""Chains of joints that begin at the wrist, one per finger."""
+"""Chains of joints that begin at the wrist, one per finger, each one after another in MANO's order."""
 LEVELS: Final = 3
 """Joints of a chain."""
-
-_FROM_LEVELS: Final = tuple(LEVEL_ORDER.index(joint) for joint in range(len(LEVEL_ORDER)))
-"""Place of each of MANO's joints in the order by levels."""
-_ROTATIONS: Final = tuple(joint - 1 for joint in LEVEL_ORDER[1:])
 
 
 def forward_kinematics(
@@ -27,20 +21,16 @@ def forward_kinematics(
         rotations: Rotation of each joint from the rest pose, relative to its parent.
         joints: Rotation centres at rest, metres.
     """
-    count = len(joints)
-    steps = rotations[:, _ROTATIONS].view(count, LEVELS, CHAINS, 3, 3)
-    rest = joints[:, LEVEL_ORDER]
-    first, second, third = steps.unbind(dim=1)
+    steps = rotations.unflatten(1, (CHAINS, LEVELS))
+    first, second, third = steps.unbind(dim=2)
     second = first @ second
-    orientations = torch.stack([first, second, second @ third], dim=1)
-    # The wrist does not turn in the hand's frame, so the chains begin at their centres at rest.
-    chains = rest[:, 1:].view(count, LEVELS, CHAINS, 3)
-    bones = (orientations[:, :-1] @ chains.diff(dim=1)[..., None])[..., 0]
-    centres = chains[:, :1] + torch.cat(
-        [torch.zeros_like(bones[:, :1]), bones.cumsum(dim=1)], dim=1
-    )
-    wrist = torch.eye(3, dtype=joints.dtype, device=joints.device).expand(count, 1, 3, 3)
+    orientations = torch.stack([first, second, second @ third], dim=2)
+    # The wrist does not turn in the hand's frame, so a chain begins at its centre at rest.
+    chains = joints[:, 1:].unflatten(1, (CHAINS, LEVELS))
+    bones = (orientations[:, :, :-1] @ chains.diff(dim=2)[..., None])[..., 0]
+    centres = torch.cat([chains[:, :, :1], bones], dim=2).cumsum(dim=2)
+    wrist = torch.eye(3, dtype=joints.dtype, device=joints.device).expand(len(joints), 1, 3, 3)
     return (
-        torch.cat([wrist, orientations.flatten(1, 2)], dim=1)[:, _FROM_LEVELS],
-        torch.cat([rest[:, :1], centres.flatten(1, 2)], dim=1)[:, _FROM_LEVELS],
+        torch.cat([wrist, orientations.flatten(1, 2)], dim=1),
+        torch.cat([joints[:, :1], centres.flatten(1, 2)], dim=1),
     )

@@ -21,7 +21,7 @@ from hand_recon.knowledge.penetration.closed_parts import (
     geodesic_distances,
 )
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
-from tests.support import knowledge_reference as reference
+from hand_recon.speed.published import depth_by_definition as reference
 from tests.support.random_surfaces import random_vertices
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 

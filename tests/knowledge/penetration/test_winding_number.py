@@ -8,7 +8,7 @@ from torch import Tensor
 
 from hand_recon.hand.model import HandModel
 from hand_recon.knowledge.penetration.winding_number import winding_number
-from tests.support import knowledge_reference as reference
+from hand_recon.speed.published import depth_by_definition as reference
 from tests.support.largest_tensor import LargestTensor
 from tests.support.random_surfaces import capped, random_vertices
 from tests.support.tolerance import assert_close
@@ -79,7 +79,7 @@ def test_each_query_is_asked_about_its_own_hand(hand: HandModel) -> None:
     places = 0.04 * torch.randn(5, 3, dtype=torch.float64)
     actual = winding_number(places, asked, points, faces)
     one_by_one = [
-        reference.winding_number(point[None].numpy(), points[i][faces].numpy())
+        reference.winding_numbers(point[None].numpy(), points[i][faces].numpy())
         for point, i in zip(places, asked.tolist(), strict=True)
     ]
     assert_close(actual, torch.tensor(np.concatenate(one_by_one)))

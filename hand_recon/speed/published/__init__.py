@@ -1,0 +1,1 @@
+"""Plain versions of published formulas, the references of the benchmark."""
