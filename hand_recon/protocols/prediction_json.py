@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from hand_recon.data.json_arrays import scan_numbers, to_numbers
 
-CHUNK: Final = 1 << 24
-"""Bytes of text that are parsed at a time."""
+CHUNK: Final = 1 << 20
+"""Bytes of text that are parsed at a time, few enough for the cache."""
 
 HEAD: Final = 1 << 20
 """Bytes in which the first frame must end: 778 points take less than a tenth of it."""
@@ -56,12 +56,17 @@ class _Dense:
     def read(self, size: int) -> bytes:
         """Read between `size` and twice as many bytes, fewer at the end of the text."""
         text = bytearray()
-        while len(text) < size and (chunk := self._stream.read(size)):
-            self._left -= len(chunk)
-            if self._left < 0:
-                raise ValueError(f"it is longer than the {MAX_BYTES} bytes that are read.")
+        while len(text) < size and (chunk := self.read_as_it_is(size)):
             text += chunk.translate(None, _SPACE)
         return bytes(text)
+
+    def read_as_it_is(self, size: int) -> bytes:
+        """Read up to `size` bytes with their white space."""
+        chunk = self._stream.read(size)
+        self._left -= len(chunk)
+        if self._left < 0:
+            raise ValueError(f"it is longer than the {MAX_BYTES} bytes that are read.")
+        return chunk
 
 
 @dataclass(frozen=True)
@@ -263,7 +268,8 @@ def _as_frames(
 
 def _numbers(text: bytes, stream: _Dense) -> tuple[NDArray[np.float32], tuple[int, int]]:
     """Parse all numbers up to the end in single precision; count opening and closing brackets."""
-    chunks = itertools.chain([text], iter(lambda: stream.read(CHUNK), b""))
+    # Scanning drops the white space.
+    chunks = itertools.chain([text], iter(lambda: stream.read_as_it_is(CHUNK), b""))
     return scan_numbers(chunks, _to_numbers, MAX_NUMBERS, LONGEST)
 
 

@@ -14,9 +14,13 @@ from hand_recon.protocols import prediction_files, prediction_json
 from hand_recon.protocols.benchmarks import PROTOCOLS
 from hand_recon.protocols.prediction_files import read_ground_truth, read_pair, read_predictions
 from hand_recon.protocols.prediction_json import read_point_list, read_point_lists
+from tests.support.json_parsers import parser
 from tests.support.predicted_hands import write_ground_truth
 
 FREIHAND, DEXYCB = PROTOCOLS["freihand"], PROTOCOLS["dexycb"]
+
+
+both_parsers = pytest.mark.usefixtures(parser.__name__)
 
 
 def points(frames: int = 4, count: int = 21) -> np.ndarray:
@@ -27,6 +31,7 @@ def pred(*lists: np.ndarray | list[object], indent: int | None = None) -> str:
     return json.dumps([np.asarray(some).tolist() for some in lists], indent=indent)
 
 
+@both_parsers
 @pytest.mark.parametrize("indent", [None, 1])
 @pytest.mark.parametrize("chunk", [1 << 24, 1000, 1001, 1002, 1003])
 def test_reads_what_json_reads_wherever_a_chunk_ends(
@@ -75,6 +80,7 @@ MISTAKES = {
 }  # fmt: skip
 
 
+@both_parsers
 @pytest.mark.parametrize("name", MISTAKES)
 def test_anything_else_is_refused_with_what_was_found(name: str, tmp_path: Path) -> None:
     text, message = MISTAKES[name]
@@ -119,6 +125,7 @@ def test_another_number_of_frames_names_both(tmp_path: Path) -> None:
         read_pair(*paths, FREIHAND)
 
 
+@both_parsers
 def test_the_frames_that_are_not_finite_are_named(tmp_path: Path) -> None:
     landmarks = points()
     landmarks[2, 5, 1] = np.nan
