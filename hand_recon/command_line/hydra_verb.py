@@ -1,6 +1,7 @@
 """Runs a verb: translates its words, lets Hydra compose the configuration, calls the verb's function."""
 
 import difflib
+import gc
 import importlib
 import os
 import sys
@@ -16,7 +17,7 @@ from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
-from hand_recon.command_line.processor import share_processor
+from hand_recon.command_line.processor import collection_paused, share_processor
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
@@ -71,7 +72,8 @@ def run_verb(
     # Hydra reads the process's command line.
     sys.argv = [f"hand-recon {name}", *preset, *overrides]
     try:
-        hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
+        with collection_paused():
+            hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
     except BrokenPipeError as error:
         _end_quietly(error)
     except KeyboardInterrupt as error:
@@ -81,13 +83,16 @@ def run_verb(
 
 def _task(verb: Verb) -> Callable[[DictConfig], Any]:
     """The verb's function, imported only when it is called: `--help` needs no torch."""
-    module, _, function = verb.entry.partition(":")
+    module, _, name = verb.entry.partition(":")
 
     def task(config: DictConfig) -> Any:  # noqa: ANN401  # whatever the verb returns
         # Again, for the processes of a sweep.
         register_resolvers()
         try:
-            return getattr(importlib.import_module(module), function)(config)
+            function = getattr(importlib.import_module(module), name)
+            # Paused while the command started.
+            gc.enable()
+            return function(config)
         except BrokenPipeError as error:
             _end_quietly(error)
         except _USER_ERRORS as error:

@@ -1,7 +1,10 @@
 """Shares a processor with other programs: waiting threads sleep, and busy cores are left to others."""
 
+import gc
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -65,6 +68,18 @@ def share_processor() -> None:
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     _start[:] = [busy_time()]
+
+
+@contextmanager
+def collection_paused() -> Iterator[None]:
+    """Pause the search for unreachable objects, which takes a sixth of a command's start and finds none."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def default_threads() -> int:

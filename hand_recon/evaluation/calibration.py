@@ -11,7 +11,8 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.finite import require_finite
+from hand_recon.evaluation.per_sample import PerSampleMetric
 
 COVERAGE_LEVELS: Final = tuple(level / 20 for level in range(1, 20))
 """Nominal coverages at which reliability is measured: 5 % to 95 %."""

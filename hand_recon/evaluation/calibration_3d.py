@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hand_recon.evaluation.calibration import sparsification_error, spearman
-from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.finite import require_finite
+from hand_recon.evaluation.per_sample import PerSampleMetric
 from hand_recon.uncertainty.covariance_correction import LEVELS
 
 DEPTH: Final = 2

@@ -7,7 +7,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from hand_recon.camera import REFERENCE_SIZE
-from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.finite import require_finite
+from hand_recon.evaluation.per_sample import PerSampleMetric
 
 PCK_THRESHOLDS: Final = (0.05, 0.1, 0.15)
 """PCK thresholds as shares of the crop's side: those of HInt (CVPR 2024)."""

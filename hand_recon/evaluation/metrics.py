@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torchmetrics.utilities import rank_zero_warn
 
-from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.finite import require_finite
+from hand_recon.evaluation.per_sample import PerSampleMetric
 from hand_recon.evaluation.scores import (
     LANDMARK_SCORES,
     VERTEX_SCORES,

@@ -7,9 +7,11 @@ So a metric keeps one small row per sample with the sample's index, and averages
 from typing import Any, Final
 
 import torch
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 from torch import Tensor
 from torchmetrics import Metric
+
+from hand_recon.evaluation.finite import some
 
 DISAGREEMENT: Final = 0.02
 """Largest difference of two rows of one sample, over one plus their value; rounding stays far below."""
@@ -79,7 +81,7 @@ class PerSampleMetric(Metric):
         differs = ((rows - expected).abs() > DISAGREEMENT * (1 + expected.abs())).any(dim=-1)
         if differs.any():
             raise ValueError(
-                f"The samples {_some(index[differs].unique())} came twice with different scores: "
+                f"The samples {some(index[differs].unique())} came twice with different scores: "
                 "an index names more than one sample. Use one metric per dataset."
             )
 
@@ -90,24 +92,5 @@ class PerSampleMetric(Metric):
             setattr(self, name, [torch.empty(0, width, device=self.device)])
 
 
-def require_finite(name: str, values: Shaped[Tensor, "sample ..."], index: Tensor) -> None:
-    """Refuse predictions that are not finite.
-
-    Raises:
-        ValueError: Some values are not finite; the message names their samples.
-    """
-    broken = ~values.flatten(start_dim=1).isfinite().all(dim=1)
-    if broken.any():
-        raise ValueError(
-            f"The predicted {name} of the samples {_some(index[broken.to(index.device)])} are not "
-            "finite; only finite predictions have scores. Check these inputs and the model's weights."
-        )
-
-
 def _joined(parts: Any) -> Tensor:  # noqa: ANN401  # a list of tensors, or one tensor once gathered
     return (torch.cat(parts) if isinstance(parts, list) else parts).cpu()
-
-
-def _some(index: Tensor) -> str:
-    shown = [str(value) for value in index.tolist()[:10]]
-    return ", ".join(shown) + (f" and {len(index) - 10} more" if len(index) > 10 else "")

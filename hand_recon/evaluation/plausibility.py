@@ -10,7 +10,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from hand_recon.evaluation.per_sample import PerSampleMetric, require_finite
+from hand_recon.evaluation.finite import require_finite
+from hand_recon.evaluation.per_sample import PerSampleMetric
 from hand_recon.knowledge.ranges import RangeOfMotion
 
 ROM_TOLERANCE: Final = math.radians(22.5)

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from hand_recon.evaluation.per_sample import require_finite
+from hand_recon.evaluation.finite import require_finite
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.protocols.benchmarks import UNITS, Protocol
 from hand_recon.protocols.prediction_json import (

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from hand_recon.evaluation.alignment import WRIST
-from hand_recon.evaluation.per_sample import require_finite
+from hand_recon.evaluation.finite import require_finite
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.protocols.benchmarks import Protocol
 

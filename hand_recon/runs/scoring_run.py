@@ -6,11 +6,8 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from hand_recon.data.annotated_dataset import AnnotatedImages
-from hand_recon.protocols.benchmark_predictions import benchmark_of
 from hand_recon.protocols.benchmarks import PROTOCOLS, Protocol, protocol_named
 from hand_recon.protocols.scoring import Request, score_predictions, submit
-from hand_recon.runs.building import build_data
 from hand_recon.runs.configuration import claim_folder, configure_process
 
 
@@ -50,6 +47,11 @@ def score(config: DictConfig) -> dict[str, Any]:
 
 def _written_ground_truth(config: DictConfig, protocol: Protocol, folder: Path) -> Path:
     """Write the ground truth of a dataset's test hands in the form of the benchmark's files."""
+    # Datasets need Lightning, which takes seconds to import; most predictions are scored without one.
+    from hand_recon.data.annotated_dataset import AnnotatedImages
+    from hand_recon.protocols.benchmark_predictions import benchmark_of
+    from hand_recon.runs.building import build_data
+
     data = build_data(config)
     benchmark, dataset = benchmark_of(data, protocol), data.dataset("test")
     if not isinstance(dataset, AnnotatedImages) or dataset.hands.landmarks_3d is None:

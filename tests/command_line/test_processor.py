@@ -1,9 +1,16 @@
+import gc
 import os
 import time
 
 import pytest
 
-from hand_recon.command_line.processor import BusyTime, busy_time, default_threads, free_cores
+from hand_recon.command_line.processor import (
+    BusyTime,
+    busy_time,
+    collection_paused,
+    default_threads,
+    free_cores,
+)
 
 
 def at(wall: float, machine: float, own: float, cores: int = 2) -> BusyTime:
@@ -48,3 +55,17 @@ def test_counters_count_this_process_among_the_machine() -> None:
     # The machine's counters are ticks of 10 ms per core.
     assert now.machine - before.machine >= 0.2
     assert 1 <= default_threads() <= len(os.sched_getaffinity(0))
+
+
+def test_the_search_for_unreachable_objects_is_paused_and_goes_on_as_before() -> None:
+    assert gc.isenabled()
+    with collection_paused():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with collection_paused():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
