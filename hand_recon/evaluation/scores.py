@@ -88,9 +88,9 @@ def vertex_scores(ground_truth: HandPoints, prediction: HandPoints) -> Float[Ten
         ValueError: Vertices are absent, or their numbers differ.
     """
     _check_vertices(ground_truth, prediction)
-    chunks = zip(_chunks(ground_truth.double()), _chunks(prediction.double()), strict=True)
+    chunks = zip(_chunks(ground_truth), _chunks(prediction), strict=True)
     with _full_precision():
-        return torch.cat([_vertex_scores(*chunk) for chunk in chunks])
+        return torch.cat([_vertex_scores(one.double(), other.double()) for one, other in chunks])
 
 
 def _full_precision() -> torch.autocast:

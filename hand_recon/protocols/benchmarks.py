@@ -93,6 +93,8 @@ class Protocol:
     def _scaled(
         self, points: Float[Tensor, "hand point 3"], factor: float
     ) -> Float[Tensor, "hand point 3"]:
+        if factor == 1 and self.axes == "OpenCV":
+            return points
         return points * (points.new_tensor(AXES[self.axes]) * factor)
 
 
