@@ -67,5 +67,6 @@ def end_with_parent() -> None:
 
 
 def _one_thread() -> None:
+    end_with_parent()
     torch.set_num_threads(1)
     cv2.setNumThreads(0)

@@ -3,7 +3,7 @@
 import copy
 import pickle
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -51,7 +51,9 @@ class ConfigInCheckpoint(lightning.Callback):
     compared with.
     """
 
-    def __init__(self, config: dict[str, Any], mean_pose: dict[str, torch.Tensor]) -> None:
+    def __init__(
+        self, config: dict[str, Any], mean_pose: Callable[[], dict[str, torch.Tensor]]
+    ) -> None:
         super().__init__()
         self.config = config
         self.mean_pose = mean_pose
@@ -66,7 +68,8 @@ class ConfigInCheckpoint(lightning.Callback):
         checkpoint[VERSION_KEY] = __version__
         checkpoint[CONFIG_KEY] = self.config
         checkpoint[HAND_KEY] = fingerprint(pl_module.regressor.hand)  # type: ignore[union-attr, arg-type]
-        checkpoint[MEAN_POSE_KEY] = self.mean_pose
+        # Asked for only now: the mean hand needs all training hands, which may still be rendered before.
+        checkpoint[MEAN_POSE_KEY] = self.mean_pose()
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:

@@ -3,6 +3,8 @@
 import logging
 import os
 import time
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +70,9 @@ def _train(config: DictConfig) -> dict[str, Any]:
     parameters = sum(parameter.numel() for parameter in module.parameters())
     logger.info("%s: %.1f M parameters, %d threads", config.name, parameters / 1e6, threads)
     logger.info("If it is interrupted, the same command with resume=%s goes on.", folder)
-    # Data are rendered or decoded before the time is taken: the speed is that of training alone.
+    # Photographs are decoded before the time is taken. Rendered hands are awaited batch by batch, if need be.
     data.setup("fit")
-    mean = mean_pose(data)
+    mean = cache(partial(mean_pose, data))
     trainer = build_trainer(config, mean)
     seconds = _fit(trainer, module, data, earlier, folder)
     best = best_checkpoint(trainer)
@@ -83,7 +85,7 @@ def _train(config: DictConfig) -> dict[str, Any]:
         "epochs": trainer.current_epoch,
     }
     metrics = finish_run(
-        Run(config, folder, load_trained(best, composed=config).module, data, mean, facts)
+        Run(config, folder, load_trained(best, composed=config).module, data, mean(), facts)
     )
     finish(folder)
     return metrics
@@ -141,19 +143,23 @@ def best_checkpoint(trainer: lightning.Trainer) -> Path:
     return path
 
 
-def build_trainer(config: DictConfig, mean: HandPoints | None) -> lightning.Trainer:
+def build_trainer(config: DictConfig, mean: Callable[[], HandPoints | None]) -> lightning.Trainer:
     """The Lightning trainer of a run.
 
     Args:
         config: Of the run.
-        mean: The mean training hand, for the checkpoints.
+        mean: Gives the mean training hand, for the checkpoints; called when the first is saved.
     """
     callbacks = [instantiate(callback) for callback in config.callbacks.values()]
     loggers = [instantiate(one) for one in config.logger.values()]
-    points: dict[str, Tensor] = {}
-    if mean is not None:
-        points = {"landmarks": mean.landmarks}
-        points |= {} if mean.vertices is None else {"vertices": mean.vertices}
+
+    def points() -> dict[str, Tensor]:
+        hand = mean()
+        if hand is None:
+            return {}
+        surface = {} if hand.vertices is None else {"vertices": hand.vertices}
+        return {"landmarks": hand.landmarks} | surface
+
     trainer: lightning.Trainer = instantiate(
         config.trainer,
         callbacks=[

@@ -8,6 +8,7 @@ import torch
 
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.sample_order import SeededShuffle
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.data.synthetic.dataset import SyntheticHands
 from hand_recon.schema import HandParameters
@@ -47,7 +48,8 @@ class SyntheticDataModule(HandDataModule):
             crop_size: Side of an image, pixels.
             cache_dir: Folder for rendered images.
             without: Features that training images lack, keys of `FEATURES`.
-            render_workers: Number of processes that render.
+            render_workers: Number of processes that render; with two or more, and without loading processes,
+                a training begins with the first images while others are rendered.
             landmark_set: The hand's landmark set.
             pictures: True renders images; False gives landmarks only, in crops of 224 pixels.
             batch_size: Hands per batch and process.
@@ -70,9 +72,16 @@ class SyntheticDataModule(HandDataModule):
         )
         self._train_size = train_size
         self._train = partial(self._split, split="train", without=tuple(without or ()))
+        # Loading processes have no part in what a thread of this process renders: they get complete sets.
+        self._ahead = workers == 0
         super().__init__(
-            partial(self._train, size=train_size),
-            partial(self._split, split="val", size=val_size),
+            self._train_ahead,
+            partial(
+                self._split,
+                split="val",
+                size=val_size,
+                order=range(val_size) if self._ahead else None,
+            ),
             partial(self._split, split="test", size=test_size),
             crop_size=crop_size,
             batch_size=batch_size,
@@ -80,6 +89,12 @@ class SyntheticDataModule(HandDataModule):
             augmentation=augmentation,
             seed=seed,
         )
+
+    def _train_ahead(self) -> HandDataset:
+        """Training set, rendered in the order of the first epoch."""
+        size = range(self._train_size)
+        order = SeededShuffle(size, self.seed).order() if self._ahead else None
+        return self._train(size=self._train_size, order=order)
 
     def ground_truth_dataset(self) -> HandDataset:
         """Training set with vertices."""

@@ -13,6 +13,7 @@ from torch.utils.data import Dataset
 from hand_recon.camera import move_points
 from hand_recon.data.synthetic.image_store import COLUMNS, ensure_store
 from hand_recon.data.synthetic.recipe import Recipe, level_named
+from hand_recon.data.synthetic.rendered_ahead import RenderedAhead, render_ahead
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.hand.upright import upright_motion
@@ -48,6 +49,7 @@ class SyntheticHands(Dataset[HandSample]):
         with_vertices: bool | None = None,
         pictures: bool = True,
         without: Sequence[str] = (),
+        order: Sequence[int] | None = None,
     ) -> None:
         """Open the set; it is rendered first if the cache does not have it.
 
@@ -63,6 +65,8 @@ class SyntheticHands(Dataset[HandSample]):
             with_vertices: True adds vertices, posed when read; by default in all splits except training.
             pictures: True renders images; views without images are a hundred times cheaper.
             without: Features that images lack, keys of `hand_recon.data.synthetic.levels.FEATURES`.
+            order: Order in which images will be read first. With one, and two or more workers, `batch` waits
+                only for images that it reads, while others are rendered; all else waits for the whole set.
 
         Raises:
             ValueError: The split, level or a feature is unknown, or a size is too small.
@@ -71,17 +75,41 @@ class SyntheticHands(Dataset[HandSample]):
             split, level_named(level, without), crop_size, seed, landmark_set, pictures
         )
         self.with_vertices = split != "train" if with_vertices is None else with_vertices
-        self.folder = ensure_store(Path(cache_dir), self.recipe, size, workers)
-        with np.load(self.folder / "labels.npz") as archive:
-            self._labels = {name: torch.from_numpy(archive[name]) for name in COLUMNS}
-        if not pictures:
-            self._labels = _upright(self._labels, crop_size)
+        self._size = size
         self._images: np.ndarray | None = None
-        self._source = self.folder.name
+        self._columns: dict[str, Tensor] | None = None
         self._hand: HandModel | None = open_hand(landmark_set) if self.with_vertices else None
+        self._ahead: RenderedAhead | None = None
+        if order and workers > 1 and pictures:
+            self._ahead = render_ahead(Path(cache_dir), self.recipe, order, workers)
+        if self._ahead is None:
+            self._folder = ensure_store(Path(cache_dir), self.recipe, size, workers)
+            self._open()
+        else:
+            self._folder = self._ahead.path
+        self._source = self._folder.name
+
+    def _open(self) -> dict[str, Tensor]:
+        """Labels of the complete set, once it is rendered."""
+        if self._ahead is not None:
+            self._ahead.wait()
+            self._ahead = None
+        if self._columns is None:
+            with np.load(self._folder / "labels.npz") as archive:
+                columns = {name: torch.from_numpy(archive[name]) for name in COLUMNS}
+            if not self.recipe.pictures:
+                columns = _upright(columns, self.recipe.crop_size)
+            self._columns = columns
+        return self._columns
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the set, once it is rendered."""
+        self._open()
+        return self._folder
 
     def __len__(self) -> int:
-        return len(self._labels["labelled"])
+        return self._size
 
     def __getitem__(self, index: int) -> HandSample:
         """Read one image with its labels.
@@ -93,7 +121,7 @@ class SyntheticHands(Dataset[HandSample]):
             raise IndexError(
                 f"There is no image {index} of {len(self)} synthetic hands; indices start at 0."
             )
-        labels = self._labels
+        labels = self._open()
         with_images = self.recipe.pictures
         return HandSample(
             image=torch.from_numpy(self.images[index].copy()) if with_images else _NO_IMAGE,
@@ -111,8 +139,10 @@ class SyntheticHands(Dataset[HandSample]):
 
     def batch(self, indices: list[int]) -> HandBatch:
         """Read several samples at once; the result equals `collate`'s, a hundred times faster for views."""
-        index = torch.tensor(indices)
-        rows: dict[str, Any] = {name: self._labels[name][index] for name in _SAMPLE_COLUMNS}
+        if self._ahead is not None and not (self._ahead.complete or self.with_vertices):
+            return self._batch_ahead(self._ahead, indices)
+        index, labels = torch.tensor(indices), self._open()
+        rows: dict[str, Any] = {name: labels[name][index] for name in _SAMPLE_COLUMNS}
         if self.recipe.pictures:
             image = torch.from_numpy(np.stack([self.images[index] for index in indices]))
         else:
@@ -120,6 +150,15 @@ class SyntheticHands(Dataset[HandSample]):
         vertices = self.vertices(index) if self.with_vertices else None
         sources = (self._source,) * len(indices)
         return HandBatch(image=image, index=index, source=sources, vertices=vertices, **rows)
+
+    def _batch_ahead(self, ahead: RenderedAhead, indices: list[int]) -> HandBatch:
+        """The same batch, of images that are rendered already."""
+        images, labels = ahead.read(indices)
+        rows: dict[str, Any] = {name: torch.from_numpy(labels[name]) for name in _SAMPLE_COLUMNS}
+        sources = (self._source,) * len(indices)
+        return HandBatch(
+            image=torch.from_numpy(images), index=torch.tensor(indices), source=sources, **rows
+        )
 
     @property
     def images(self) -> np.ndarray:
@@ -131,11 +170,11 @@ class SyntheticHands(Dataset[HandSample]):
     @property
     def landmarks_3d(self) -> Float[Tensor, "size landmark=21 3"]:
         """Ground truth of the whole set, camera frame, metres."""
-        return self._labels["landmarks_3d"]
+        return self._open()["landmarks_3d"]
 
     def parameters(self, index: int | slice | Tensor) -> HandParameters:
         """Ground-truth parameters of one or several hands."""
-        labels = self._labels
+        labels = self._open()
         return HandParameters(
             joint_angles=labels["joint_angles"][index],
             shape=labels["shape"][index],
@@ -151,6 +190,7 @@ class SyntheticHands(Dataset[HandSample]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the memory map; pickling it would copy every pixel to each loading process."""
+        self._open()
         return {**self.__dict__, "_images": None}
 
 

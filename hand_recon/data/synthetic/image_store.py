@@ -8,8 +8,8 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -37,7 +37,9 @@ COLUMNS: Final[tuple[str, ...]] = (
 )  # fmt: skip
 """Stored labels of each image; names as in `SyntheticView`."""
 
-_NOT_HASHED: Final = frozenset({"datamodule.py", "dataset.py", "image_store.py"})
+_NOT_HASHED: Final = frozenset(
+    {"datamodule.py", "dataset.py", "image_store.py", "rendered_ahead.py"}
+)
 """Modules of this package that images do not depend on."""
 
 _HASHED_ELSEWHERE: Final = (
@@ -48,22 +50,95 @@ _HASHED_ELSEWHERE: Final = (
 
 
 @dataclass(frozen=True)
-class _Chunk:
-    """Range of images that one process renders at once."""
+class Chunk:
+    """Images that one process renders at once."""
 
     recipe: Recipe
     """Recipe of the whole set."""
     folder: Path
     """Folder of the incomplete store."""
-    start: int
-    """First index."""
-    stop: int
-    """One past the last index."""
+    indices: tuple[int, ...]
+    """Indices of the images."""
 
     @property
     def path(self) -> Path:
         """File with the chunk's labels, which exists once the chunk is complete."""
-        return self.folder / f"chunk_{self.start:08d}.npz"
+        return self.folder / f"chunk_{self.indices[0]:08d}.npz"
+
+
+@dataclass(frozen=True)
+class GrowingStore:
+    """A store that is not complete yet; no image is in two of its chunks."""
+
+    path: Path
+    """Folder of the store once it is complete."""
+    recipe: Recipe
+    """Recipe of the set."""
+    size: int
+    """Number of images."""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the incomplete store."""
+        return self.path.with_name(self.path.name + ".partial")
+
+    def begin(self) -> None:
+        """Make the folder and the file of images, unless an interrupted command has made them."""
+        self.folder.mkdir(exist_ok=True)
+        images = self.folder / "images.npy"
+        if self.recipe.pictures and not images.is_file():
+            shape = (self.size, 3, self.recipe.crop_size, self.recipe.crop_size)
+            open_memmap(images.with_suffix(".new"), "w+", np.uint8, shape).flush()
+            images.with_suffix(".new").rename(images)
+
+    def rendered(self) -> dict[str, np.ndarray]:
+        """Labels of all complete chunks, with the images' indices as `index`."""
+        pieces = [_empty()]
+        for path in sorted(self.folder.glob("chunk_*.npz")):
+            with np.load(path) as archive:
+                # Chunks of an earlier version have no indices; they are rendered again.
+                if "index" in archive:
+                    pieces.append({name: archive[name] for name in ("index", *COLUMNS)})
+        return {
+            name: np.concatenate([piece[name] for piece in pieces[len(pieces) > 1 :]])
+            for name in pieces[0]
+        }
+
+    def missing(self, order: Sequence[int]) -> list[Chunk]:
+        """Chunks that are left to render, in the order of their images."""
+        done = set(self.rendered()["index"].tolist())
+        left = [index for index in order if index not in done]
+        return [
+            Chunk(self.recipe, self.folder, tuple(left[start : start + CHUNK]))
+            for start in range(0, len(left), CHUNK)
+        ]
+
+    def finish(self, work: dict[str, float]) -> None:
+        """Join the chunks' labels, write the manifest, remove temporary files and rename the folder."""
+        found = self.rendered()
+        place = np.argsort(found["index"])
+        with (self.folder / "labels.npz").open("wb") as stream:
+            _save(stream, {name: found[name][place] for name in COLUMNS})
+        rate = work["rendered"] / max(work["seconds"], 1e-9)
+        manifest = {
+            "recipe": asdict(self.recipe),
+            "size": self.size,
+            "fingerprint": fingerprint(self.recipe, self.size),
+            "images_per_second": round(rate, 1),
+            **work,
+            "versions": {
+                name: version(name) for name in ("numpy", "embreex", "opencv-python-headless")
+            },
+        }
+        text = json.dumps(manifest, indent=2)
+        (self.folder / "manifest.json").write_text(text, encoding="utf-8")
+        for leftover in self.folder.glob("chunk_*"):
+            leftover.unlink()
+        if work["rendered"]:
+            Console(stderr=True).print(
+                f"Rendered {work['rendered']} hands in {work['seconds']:.0f} s ({rate:.0f} images/s)."
+            )
+        self.folder.rename(self.path)
 
 
 def fingerprint(recipe: Recipe, size: int) -> str:
@@ -107,66 +182,61 @@ def ensure_store(cache_dir: Path, recipe: Recipe, size: int, workers: int) -> Pa
     with exclusive_lock(path.with_suffix(".lock")):
         # Another process may have finished the same set while this one waited for the lock.
         if not path.is_dir():
-            _build(path, recipe, size, workers)
+            _build(GrowingStore(path, recipe, size), workers)
     return path
 
 
-def _build(path: Path, recipe: Recipe, size: int, workers: int) -> None:
-    """Render the missing chunks under a temporary name, then rename the folder."""
-    growing = path.with_name(path.name + ".partial")
-    growing.mkdir(exist_ok=True)
-    images = growing / "images.npy"
-    if recipe.pictures and not images.is_file():
-        shape = (size, 3, recipe.crop_size, recipe.crop_size)
-        open_memmap(images.with_suffix(".new"), "w+", np.uint8, shape).flush()
-        images.with_suffix(".new").rename(images)
-    chunks = [
-        _Chunk(recipe, growing, start, min(start + CHUNK, size)) for start in range(0, size, CHUNK)
-    ]
-    missing = [chunk for chunk in chunks if not chunk.path.is_file()]
+def _build(store: GrowingStore, workers: int) -> None:
+    """Render the missing chunks, then finish the store."""
+    store.begin()
+    recipe, size = store.recipe, store.size
+    missing = store.missing(range(size))
+    rendered = sum(len(chunk.indices) for chunk in missing)
     began = time.perf_counter()
     noun = "hands" if recipe.pictures else "views"
     with _progress(f"{size} {recipe.level.name} {recipe.split} {noun}", size) as advance:
-        advance(size - sum(chunk.stop - chunk.start for chunk in missing))
+        advance(size - rendered)
         _render_all(missing, workers, advance)
     seconds = time.perf_counter() - began
-    rendered = sum(chunk.stop - chunk.start for chunk in missing)
-    _finish(chunks, recipe, {"rendered": rendered, "seconds": seconds, "workers": max(workers, 1)})
-    growing.rename(path)
+    store.finish({"rendered": rendered, "seconds": seconds, "workers": max(workers, 1)})
 
 
-def _render_all(chunks: list[_Chunk], workers: int, advance: Callable[[int], None]) -> None:
+def _render_all(chunks: list[Chunk], workers: int, advance: Callable[[int], None]) -> None:
     """Render all chunks, in this process or in several new ones."""
     if workers <= 1:
         for chunk in chunks:
-            advance(_render_chunk(chunk))
+            advance(len(render_chunk(chunk)["index"]))
         return
     with single_threaded_processes(min(workers, max(len(chunks), 1))) as pool:
-        waiting: set[Future[int]] = {pool.submit(_render_chunk, chunk) for chunk in chunks}
+        waiting = {pool.submit(render_chunk, chunk) for chunk in chunks}
         while waiting:
             done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in done:
-                advance(future.result())
+                advance(len(future.result()["index"]))
 
 
-def _render_chunk(chunk: _Chunk) -> int:
-    """Render a chunk into the store and return its number of images."""
-    indices = range(chunk.start, chunk.stop)
+def render_chunk(chunk: Chunk) -> dict[str, np.ndarray]:
+    """Render a chunk into the store and return its labels, with the images' indices as `index`."""
     hands: list[SyntheticView] = []
     if chunk.recipe.pictures:
         images = np.load(chunk.folder / "images.npy", mmap_mode="r+")
-        for index in indices:
+        for index in chunk.indices:
             hand = synthetic_hand(chunk.recipe, index)
             images[index] = hand.image.transpose(2, 0, 1)
             hands.append(hand)
         images.flush()
     else:
-        hands += [synthetic_view(chunk.recipe, index) for index in indices]
+        hands += [synthetic_view(chunk.recipe, index) for index in chunk.indices]
+    labels = {"index": np.array(chunk.indices)} | {name: _column(hands, name) for name in COLUMNS}
     unfinished = chunk.path.with_suffix(f".{os.getpid()}")
     with unfinished.open("wb") as stream:
-        _save(stream, {name: _column(hands, name) for name in COLUMNS})
+        _save(stream, labels)
     unfinished.rename(chunk.path)
-    return chunk.stop - chunk.start
+    return labels
+
+
+def _empty() -> dict[str, np.ndarray]:
+    return {"index": np.zeros(0, dtype=int)} | {name: np.zeros(0) for name in COLUMNS}
 
 
 def _save(stream: BinaryIO, columns: dict[str, np.ndarray]) -> None:
@@ -176,36 +246,6 @@ def _save(stream: BinaryIO, columns: dict[str, np.ndarray]) -> None:
 def _column(hands: list[SyntheticView], name: str) -> np.ndarray:
     values = np.stack([getattr(hand, name) for hand in hands])
     return values if values.dtype == bool else values.astype(np.float32)
-
-
-def _finish(chunks: list[_Chunk], recipe: Recipe, work: dict[str, float]) -> None:
-    """Join the chunks' labels, write the manifest and remove temporary files."""
-    folder = chunks[0].folder
-    pieces = []
-    for chunk in chunks:
-        with np.load(chunk.path) as archive:
-            pieces.append({name: archive[name] for name in COLUMNS})
-    joined = {name: np.concatenate([piece[name] for piece in pieces]) for name in COLUMNS}
-    with (folder / "labels.npz").open("wb") as stream:
-        _save(stream, joined)
-    rate = work["rendered"] / max(work["seconds"], 1e-9)
-    manifest = {
-        "recipe": asdict(recipe),
-        "size": chunks[-1].stop,
-        "fingerprint": fingerprint(recipe, chunks[-1].stop),
-        "images_per_second": round(rate, 1),
-        **work,
-        "versions": {
-            name: version(name) for name in ("numpy", "embreex", "opencv-python-headless")
-        },
-    }
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=2), encoding="utf-8")
-    for leftover in folder.glob("chunk_*"):
-        leftover.unlink()
-    if work["rendered"]:
-        Console(stderr=True).print(
-            f"Rendered {work['rendered']} hands in {work['seconds']:.0f} s ({rate:.0f} images/s)."
-        )
 
 
 @contextmanager
