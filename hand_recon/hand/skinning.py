@@ -1,4 +1,4 @@
-"""Blend shapes and linear blend skinning of the hand's surface, in the memory order that is fastest (Sec. 3.1).
+"""Blend shapes and linear blend skinning of the surface, in the memory order that is fastest (Sec. 3.1).
 
 Vertices are the last axis, so that a blend is one matrix product and a rotation is sums of long rows. On a
 processor a few hands at a time go through both, since what lies between then stays in the cache.
@@ -60,7 +60,11 @@ class LinearBlendSkinning(nn.Module):
             translations: Translation of each joint's motion, metres.
         """
         motions = torch.cat([rotations, translations[..., None]], dim=-1).permute(0, 2, 3, 1)
-        count = _at_once(len(coefficients), coefficients.device)
+        if coefficients.device.type != "cpu" or torch.compiler.is_exporting():
+            return self._moved(coefficients, motions)
+        count = HANDS_AT_ONCE
+        if torch.compiler.is_compiling():
+            count = max(count, -(-len(coefficients) // _COMPILED_LOTS))
         lots = zip(coefficients.split(count), motions.split(count), strict=True)
         moved = [self._moved(*lot) for lot in lots]
         return moved[0] if len(moved) == 1 else torch.cat(moved)
@@ -77,11 +81,3 @@ class LinearBlendSkinning(nn.Module):
         moved = torch.addcmul(columns[3], columns[0], x)
         return torch.addcmul(torch.addcmul(moved, columns[1], y), columns[2], z)
 
-
-def _at_once(count: int, device: torch.device) -> int:
-    """Number of hands that go through blend and skinning together; all of them on a GPU."""
-    if device.type != "cpu" or torch.compiler.is_exporting():
-        return max(1, count)
-    if torch.compiler.is_compiling():
-        return max(HANDS_AT_ONCE, -(-count // _COMPILED_LOTS))
-    return HANDS_AT_ONCE
