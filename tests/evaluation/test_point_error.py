@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hand_recon.evaluation.point_error import auc, point_errors
-from tests.support import metric_reference as reference
+from hand_recon.speed.published import scores_by_definition
 from tests.support.tolerance import BATCH_SHAPES
 
 
@@ -52,7 +52,7 @@ def test_the_mean_over_hands_is_the_curve_over_frames(
 ) -> None:
     errors = scale * np.random.default_rng(seed).exponential(size=(frames, points))
     area = float(auc(torch.from_numpy(errors)).mean())
-    assert area == pytest.approx(reference.auc(errors), abs=1e-12)
+    assert area == pytest.approx(scores_by_definition.auc(errors), abs=1e-12)
 
 
 def test_errors_are_in_the_unit_of_the_limit() -> None:

@@ -4,20 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import orthogonal_procrustes
+
+from hand_recon.speed.published.scores_by_definition import auc
 
 Array = NDArray[np.float64]
-
-
-def align_official(truth: Array, prediction: Array) -> Array:
-    """Procrustes alignment of one hand as the benchmarks' scripts do it, by SciPy."""
-    truth_centre, prediction_centre = truth.mean(axis=0), prediction.mean(axis=0)
-    truth_norm = np.linalg.norm(truth - truth_centre) + 1e-8
-    prediction_norm = np.linalg.norm(prediction - prediction_centre) + 1e-8
-    normalised = (prediction - prediction_centre) / prediction_norm
-    rotation, scale = orthogonal_procrustes((truth - truth_centre) / truth_norm, normalised)
-    aligned: Array = normalised @ rotation.T * scale * truth_norm + truth_centre
-    return aligned
 
 
 def align_proper(truth: Array, prediction: Array) -> Array:
@@ -29,21 +19,6 @@ def align_proper(truth: Array, prediction: Array) -> Array:
     scale = (stretches * signs).sum() / (centred**2).sum()
     aligned: Array = scale * centred @ (left @ np.diag(signs) @ right).T + truth_centre
     return aligned
-
-
-def auc(errors: Array, limit: float = 0.05) -> float:
-    """Area under each point's PCK curve over all frames, averaged over the points.
-
-    Args:
-        errors: One row per frame, one column per point.
-        limit: Largest threshold, in the errors' unit.
-    """
-    thresholds = np.linspace(0.0, limit, 100)
-    areas = []
-    for of_point in errors.T:
-        shares = [np.mean(of_point <= threshold) for threshold in thresholds]
-        areas.append(np.trapezoid(shares, thresholds) / limit)
-    return float(np.mean(areas))
 
 
 def f_score(truth: Array, prediction: Array, threshold: float) -> float:
