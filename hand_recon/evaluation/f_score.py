@@ -66,10 +66,10 @@ class _Sorted:
     """Hands × points: the number of each point before it was sorted."""
     along: NDArray[np.float32]
     """Hands × points: position along the direction, metres."""
-    points: NDArray[np.float32]
-    """Hands × points × 3, centred, metres."""
+    coordinates: NDArray[np.float32]
+    """Hands × 3 × points, from the centre, metres."""
     squared: NDArray[np.float32]
-    """Hands × points × 1: squared distance to the centre."""
+    """Hands × points: squared distance to the centre."""
 
 
 def _f_score(
@@ -81,9 +81,9 @@ def _f_score(
         return np.empty((0, len(thresholds)))
     # A matrix product: the mean along the middle axis takes eight times as long.
     centre = np.full((1, ground_truth.shape[1]), 1 / ground_truth.shape[1]) @ ground_truth
-    centred = (ground_truth - centre).astype(np.float32)
-    axis = np.linalg.eigh(centred.swapaxes(1, 2) @ centred).eigenvectors[..., -1:]
-    clouds = _sorted(centred, axis), _sorted((prediction - centre).astype(np.float32), axis)
+    centred = _centred(ground_truth, centre)
+    axis = np.linalg.eigh(centred @ centred.swapaxes(1, 2)).eigenvectors[..., -1:].swapaxes(1, 2)
+    clouds = _sorted(centred, axis), _sorted(_centred(prediction, centre), axis)
     # A hundredth more than the largest threshold: beyond it, distances need not be exact.
     nearest = _nearest_squared(*clouds, 1.01 * max(thresholds))
     scores = []
@@ -97,18 +97,27 @@ def _f_score(
     return np.stack(scores, axis=-1)
 
 
+def _centred(points: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Coordinates in long rows, hands × 3 × points, from a centre."""
+    centred = np.empty((len(points), 3, points.shape[1]), dtype=np.float32)
+    # Rounded after the subtraction.
+    np.subtract(points.swapaxes(1, 2), centre.swapaxes(1, 2), out=centred, casting="same_kind")
+    return centred
+
+
 def _sorted(centred: NDArray[np.float32], axis: NDArray[np.float32]) -> _Sorted:
-    hands, count = centred.shape[:2]
-    along = (centred @ axis)[..., 0]
+    count = centred.shape[2]
+    along = (axis @ centred)[:, 0]
     # NumPy sorts whole numbers ten times as fast as it finds an order: the point's number is the lower half.
     steps = along * (2.0**30 / max(float(np.abs(along).max()), 2.0**-60))
     keys = (steps.astype(np.int64) << 32) | np.arange(count)
     keys.sort(axis=1)
     order = keys & 0xFFFFFFFF
-    rows = (order + count * np.arange(hands)[:, None]).ravel()
-    points = centred.reshape(-1, 3).take(rows, axis=0).reshape(centred.shape)
-    squared = np.einsum("hpc,hpc->hp", points, points)[..., None]
-    return _Sorted(order, (points @ axis)[..., 0], points, squared)
+    # Flat indices: of each hand's rows x, y and z, one after the other.
+    rows = (np.arange(centred.shape[0] * 3) * count).reshape(-1, 3, 1)
+    coordinates = centred.ravel().take(order[:, None] + rows)
+    squared = np.einsum("hcp,hcp->hp", coordinates, coordinates)
+    return _Sorted(order, (axis @ coordinates)[:, 0], coordinates, squared)
 
 
 def _nearest_squared(
@@ -127,12 +136,20 @@ def _nearest_squared(
         along, torch.from_numpy(np.ascontiguousarray(last + reach)), right=True
     )
     # Factors whose product is |x|² + |y|² − 2 x·y: five columns and five rows.
-    one = np.ones_like(ground_truth.squared)
-    rows = np.concatenate([ground_truth.points, ground_truth.squared, one], axis=2)
-    one = np.ones_like(prediction.squared)
-    columns = np.concatenate([-2 * prediction.points, one, prediction.squared], axis=2)
+    rows = _with_two_rows(ground_truth.coordinates, ground_truth.squared, 1.0)
+    columns = _with_two_rows(-2 * prediction.coordinates, 1.0, prediction.squared)
     windows = torch.stack([starts, stops], dim=-1).tolist()
-    return _search(rows, np.ascontiguousarray(columns.swapaxes(1, 2)), windows)
+    return _search(rows.swapaxes(1, 2), columns, windows)
+
+
+def _with_two_rows(
+    coordinates: NDArray[np.float32],
+    fourth: NDArray[np.float32] | float,
+    fifth: NDArray[np.float32] | float,
+) -> NDArray[np.float32]:
+    factor = np.empty((len(coordinates), 5, coordinates.shape[2]), dtype=np.float32)
+    factor[:, :3], factor[:, 3], factor[:, 4] = coordinates, fourth, fifth
+    return factor
 
 
 def _search(
@@ -169,7 +186,7 @@ def _share_nearer(
 ) -> NDArray[np.float64]:
     """Share of the first cloud's points that are nearer than the threshold to the second."""
     points, others = clouds
-    norm = np.sqrt(cloud.squared[..., 0])
+    norm = np.sqrt(cloud.squared)
     tolerance = ROUND_OFF * np.square(2 * norm + threshold)
     nearer = squared < threshold**2 - tolerance
     doubtful = (squared <= threshold**2 + tolerance) & ~nearer
