@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all lint format lock asset docs docs-images clean
+.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all soak lint format lock asset docs docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -101,6 +101,11 @@ test: $(STAMP)  ## Run the tests that need no GPU, licence or dataset; ARGS go t
 
 test-all: $(STAMP)  ## Run the slow tests too, and those for which GPU, MANO or datasets are there.
 	$(BIN)/python -m pytest -n $(WORKERS) -m "" $(ARGS)
+
+KILLS ?= 100
+
+soak: $(STAMP)  ## Kill trainings at random steps, KILLS=100 times in all, continue them, and compare every bit.
+	OMP_NUM_THREADS=1 $(BIN)/python tools/soak_resume.py --kills $(KILLS) $(ARGS)
 
 lint: $(STAMP)  ## Check format, style, types, spelling, import direction and file sizes.
 	$(BIN)/ruff format --check

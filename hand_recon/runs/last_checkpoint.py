@@ -32,7 +32,8 @@ class LastCheckpoint(Checkpoint):
 
     It is saved after a batch that is not the last of its epoch, so that no validation is half done: the first
     after each validation, and those that the intervals ask for; and at the end of training. After SIGTERM it
-    is saved after the running batch, and the process ends with status 143.
+    is saved after the running batch, and the process ends with status 143. Where epochs have a single batch,
+    it is saved at the end alone.
 
     Args:
         folder: Folder of the checkpoints.
@@ -98,6 +99,9 @@ class LastCheckpoint(Checkpoint):
         """Save if it is time to, and end the process if it is to end."""
         step = trainer.global_step
         if _validates_next(trainer, batch_idx) or step == self._step_before:
+            # Epochs of a single batch have no batch after which it can be saved.
+            if trainer.num_training_batches == 1:
+                self._end_if_terminated(trainer)
             return
         if _any_process(trainer, self._due(step)):
             self._save(trainer, pl_module)

@@ -94,6 +94,8 @@ def status(process: ForkServerProcess) -> int:
 def _train(cache: Path, folder: Path, overrides: tuple[str, ...], death: Death | None) -> None:
     logging.disable(logging.WARNING)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    # Loading processes as a command starts them: those of a server of forks would outlive a kill.
+    multiprocessing.set_start_method("fork", force=True)
     more: tuple[str, ...] = ()
     if death is not None:
         target = f"{Kill.__module__}.Kill"
@@ -138,3 +140,28 @@ def differences(one: object, other: object, name: str = "") -> list[str]:
     else:
         return [] if one == other else [name]
     return [found for key, a, b in pairs for found in differences(a, b, key)]
+
+
+OWN: Final = (
+    "/hand_recon_config/paths", "/hand_recon_config/callbacks", "/hand_recon_config/resume",
+    "/hand_recon_config/logger", "/hand_recon_config/trainer/default_root_dir",
+    "/callbacks/ModelCheckpoint",
+)  # fmt: skip
+"""Entries of a checkpoint that name folders or the signal; the score of the best one is compared apart."""
+
+
+def other_entries(one: Path, other: Path) -> list[str]:
+    """Entries that differ between the last checkpoints of two runs, but for those that name folders.
+
+    Args:
+        one: A run's folder.
+        other: The other one's.
+    """
+    first, second = state(one), state(other)
+    found = [name for name in differences(first, second) if not name.startswith(OWN)]
+    return found + differences(_best_scores(first), _best_scores(second), "best_model_score")
+
+
+def _best_scores(checkpoint: dict[str, Any]) -> list[Any]:
+    states = checkpoint["callbacks"].items()
+    return [value["best_model_score"] for name, value in states if name.startswith("ModelCh")]
