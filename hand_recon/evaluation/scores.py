@@ -68,7 +68,10 @@ def landmark_scores(
     reflections, `_unaligned` ones none. MPJPE is relative to the wrist, neither rotated nor scaled, as
     DexYCB's root-relative error.
     """
-    ground_truth, prediction = ground_truth.double(), prediction.double()
+    # Without the vertices: those of a test set take gigabytes in double precision.
+    ground_truth, prediction = (
+        HandPoints(points.landmarks).double() for points in (ground_truth, prediction)
+    )
     with _full_precision():
         aligned = _aligned_scores(ground_truth.landmarks, prediction.landmarks, _errors_and_area)
         wrist_relative = point_errors(

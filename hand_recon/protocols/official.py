@@ -88,9 +88,9 @@ def ho3d_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str, f
         ValueError: Vertices are absent, or their numbers differ.
     """
     scores = _renamed(_HO3D_LANDMARK_NAMES | _SURFACE_NAMES, _mean_scores(ground_truth, prediction))
-    ground_truth, prediction = ground_truth.double(), prediction.double()
-    aligned = align_scale_translation(ground_truth.landmarks, prediction.landmarks)
-    errors = point_errors(ground_truth.landmarks, aligned)
+    landmarks, predicted = _landmarks(ground_truth), _landmarks(prediction)
+    aligned = align_scale_translation(landmarks, predicted)
+    errors = point_errors(landmarks, aligned)
     return scores | {
         "xyz_scale_trans_al_mean3d": float(errors.mean()) * CENTIMETRES,
         "xyz_scale_trans_al_auc3d": float(auc(errors).mean()),
@@ -104,8 +104,8 @@ def dexycb_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str,
         `mpjpe_mm` in millimetres and `auc` from 0 to 1, for each alignment.
     """
     # In millimetres from the start, as the toolkit: a zero error in metres may not be zero in millimetres.
-    landmarks = ground_truth.double().landmarks * MILLIMETRES
-    predicted = prediction.double().landmarks * MILLIMETRES
+    landmarks = _landmarks(ground_truth) * MILLIMETRES
+    predicted = _landmarks(prediction) * MILLIMETRES
     pairs = {
         "absolute": (landmarks, predicted),
         "root-relative": (
@@ -115,6 +115,11 @@ def dexycb_scores(ground_truth: HandPoints, prediction: HandPoints) -> dict[str,
         "procrustes": (landmarks, align_official(landmarks, predicted)),
     }
     return {name: _millimetre_scores(*pair) for name, pair in pairs.items()}
+
+
+def _landmarks(points: HandPoints) -> Tensor:
+    # Without the vertices: those of a test set take gigabytes in double precision.
+    return HandPoints(points.landmarks).double().landmarks
 
 
 def _millimetre_scores(ground_truth: Tensor, prediction: Tensor) -> dict[str, float]:
