@@ -29,7 +29,7 @@ def forward_kinematics(
     chains = joints[:, 1:].unflatten(1, (CHAINS, LEVELS))
     bones = (orientations[:, :, :-1] @ chains.diff(dim=2)[..., None])[..., 0]
     centres = torch.cat([chains[:, :, :1], bones], dim=2).cumsum(dim=2)
-    wrist = torch.eye(3, dtype=joints.dtype, device=joints.device).expand(len(joints), 1, 3, 3)
+    wrist = torch.eye(3, dtype=joints.dtype, device=joints.device).expand(joints.shape[0], 1, 3, 3)
     return (
         torch.cat([wrist, orientations.flatten(1, 2)], dim=1),
         torch.cat([joints[:, :1], centres.flatten(1, 2)], dim=1),

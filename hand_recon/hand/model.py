@@ -152,7 +152,9 @@ class HandModel(nn.Module):
         batch = shape.shape[:-1]
         shape, rotations = shape.reshape(-1, shape.shape[-1]), rotations.reshape(-1, 15, 3, 3)
         directions = self.joint_shape_directions.flatten(0, 1).mT
-        joints = torch.addmm(self.joints_template.flatten(), shape, directions).unflatten(1, (-1, 3))
+        joints = torch.addmm(self.joints_template.flatten(), shape, directions).unflatten(
+            1, (-1, 3)
+        )
         orientations, centres = forward_kinematics(rotations, joints - joints[:, ROOT_JOINT, None])
         translations = centres - (orientations @ joints[..., None])[..., 0]
         coefficients = shape

@@ -74,10 +74,10 @@ class LinearBlendSkinning(nn.Module):
         coefficients: Float[Tensor, "hand coefficient"],
         motions: Float[Tensor, "hand 3 column=4 joint=16"],
     ) -> Float[Tensor, "hand 3 vertex"]:
+        hands = coefficients.shape[0]
         surface = torch.addmm(self.mean, coefficients, self.directions)
-        x, y, z = surface.view(-1, 1, 3, self.vertices).unbind(dim=2)
-        blended = motions.reshape(-1, motions.shape[-1]) @ self.weights
-        columns = blended.view(-1, 3, 4, self.vertices).unbind(dim=2)
+        x, y, z = surface.view(hands, 1, 3, self.vertices).unbind(dim=2)
+        blended = motions.reshape(12 * hands, motions.shape[-1]) @ self.weights
+        columns = blended.view(hands, 3, 4, self.vertices).unbind(dim=2)
         moved = torch.addcmul(columns[3], columns[0], x)
         return torch.addcmul(torch.addcmul(moved, columns[1], y), columns[2], z)
-

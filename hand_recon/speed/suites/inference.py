@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hand_recon.formats.onnx_file import PACKAGES, check_installed, to_onnx
+from hand_recon import __version__
+from hand_recon.formats.onnx_file import PACKAGES, VERSION_ENTRY, check_installed, to_onnx
 from hand_recon.formats.onnx_graphs import CropGraph, NetworkGraph
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.regressor.error_feedback import Regressor
@@ -105,7 +106,7 @@ def _forms(
             LeftOut("inference", f"{name}, onnxruntime", f"{', '.join(PACKAGES)} are missing")
         )
         return forms, left_out
-    content = to_onnx(graph, {})
+    content = to_onnx(graph, {VERSION_ENTRY: __version__})
     forms["onnxruntime"] = _Session(graph, content, settings.threads)
     forms["onnxruntime, 8 bits"] = _Session(graph, eight_bits(content), settings.threads)
     return forms, left_out
