@@ -1,7 +1,8 @@
 """Reads crops of image files, decoded at every step or once into a memory-mapped file.
 
-Reading the map is 40 to 290 times faster than decoding (`hand-recon benchmark suite=data`). It holds crops, not whole images, so that
-small crops make a small map: 130,240 crops take 3.6 GB at 96 pixels and 19.6 GB at 224.
+Reading the map is 40 to 290 times faster than decoding (`hand-recon benchmark suite=data`). It holds crops,
+not whole images, so that small crops make a small map: 130,240 crops take 3.6 GB at 96 pixels and 19.6 GB at
+224.
 """
 
 import json

@@ -123,6 +123,26 @@ def test_a_set_that_is_still_rendered_is_complete_before_it_is_pickled(
     assert_same(copy.batch(ORDER), complete.batch(ORDER))
 
 
+@pytest.mark.parametrize("failure", [None, OSError("no space left")])
+def test_a_forked_process_waits_for_the_whole_set(
+    complete: SyntheticHands,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: OSError | None,
+) -> None:
+    gate = Gate(monkeypatch, free=0)
+    gate.failure = failure
+    hands = opened(tmp_path)
+    # As in a process that was forked: the thread is not among its own.
+    hands._ahead._process = -1  # type: ignore[union-attr]
+    threading.Timer(0.2, gate.opened.set).start()
+    if failure is None:
+        assert_same(hands.batch(ORDER[:2]), complete.batch(ORDER[:2]))
+    else:
+        with pytest.raises(RuntimeError, match="ended early in the process that began it"):
+            hands.batch(ORDER[:2])
+
+
 def test_processes_render_what_one_process_renders(
     complete: SyntheticHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ An image depends on its recipe and index alone: whoever reads gets the same imag
 complete store, and waits only for those that are not rendered yet.
 """
 
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -78,6 +79,7 @@ class RenderedAhead:
         self._labels: dict[str, np.ndarray] = {}
         self._failure: BaseException | None = None
         self._complete = False
+        self._process = os.getpid()
         store.begin()
         self._images = np.load(store.folder / "images.npy", mmap_mode="r")
         self._add(store.rendered())
@@ -93,8 +95,8 @@ class RenderedAhead:
 
     @property
     def complete(self) -> bool:
-        """True once the store has its final name."""
-        return self._complete
+        """True if images are read from the store alone: once it is complete, and in forked processes."""
+        return self._complete or os.getpid() != self._process
 
     def read(self, indices: Sequence[int]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Images and labels of some indices, once they are rendered.
@@ -112,7 +114,16 @@ class RenderedAhead:
         Raises:
             RuntimeError: The rendering ended before.
         """
-        self._wait(lambda: self._complete)
+        if os.getpid() == self._process:
+            self._wait(lambda: self._complete)
+            return
+        # A forked process has a copy of this object, but not the thread, which holds the lock to its end.
+        with exclusive_lock(self.path.with_suffix(".lock")):
+            if not self.path.is_dir():
+                raise RuntimeError(
+                    f"Rendering of {self.path.name} ended early in the process that began it, whose message "
+                    "says why. The same command goes on with the missing images."
+                )
 
     def _wait(self, reached: Callable[[], bool]) -> None:
         with self._changed:
