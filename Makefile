@@ -120,7 +120,7 @@ format: $(STAMP)  ## Format the code and mend what can be mended by machine.
 	$(BIN)/ruff format
 
 lock: $(STAMP)  ## Lock again, keeping every version that still fits; ARGS=--upgrade for new ones.
-	UV_CUSTOM_COMPILE_COMMAND="make lock" $(UV) pip compile pyproject.toml --extra dev --extra train --extra detect --extra backbone --extra heif --extra onnx --extra demo --extra docs --universal --python-version 3.11 --generate-hashes \
+	UV_CUSTOM_COMPILE_COMMAND="make lock" $(UV) pip compile pyproject.toml --extra dev --extra train --extra detect --extra backbone --extra heif --extra onnx --extra demo --extra fast --extra docs --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock $(ARGS)
 
 asset: $(STAMP)  ## Build the open hand again from its source (installs the assets extra).

@@ -3,6 +3,6 @@
 from typing import Final
 
 SUITES: Final = (
-    "layer", "physics", "step", "fit", "inference", "data", "startup", "scaling",
+    "layer", "physics", "step", "fit", "inference", "evaluation", "data", "startup", "scaling",
 )  # fmt: skip
 """Names of the suites, each a module here with a function `measure`."""
