@@ -62,7 +62,7 @@ class LastCheckpoint(Checkpoint):
         self._saved_at = 0.0
         self._saved_step = -1
         self._step_before = 0
-        self._validated = False
+        self._owed = False
         self._terminated: float | None = None
         self._handler: Any = None
         self._position: dict[str, int] | None = None
@@ -98,12 +98,14 @@ class LastCheckpoint(Checkpoint):
     ) -> None:
         """Save if it is time to, and end the process if it is to end."""
         step = trainer.global_step
+        if self.every_n_steps is not None and step % self.every_n_steps == 0:
+            self._owed = True
         if _validates_next(trainer, batch_idx) or step == self._step_before:
             # Epochs of a single batch have no batch after which it can be saved.
             if trainer.num_training_batches == 1:
                 self._end_if_terminated(trainer)
             return
-        if _any_process(trainer, self._due(step)):
+        if _any_process(trainer, self._due()):
             self._save(trainer, pl_module)
         self._end_if_terminated(trainer)
 
@@ -125,7 +127,7 @@ class LastCheckpoint(Checkpoint):
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule
     ) -> None:
         """Ask for a checkpoint that has this validation."""
-        self._validated = not trainer.sanity_checking
+        self._owed = self._owed or not trainer.sanity_checking
 
     def on_train_end(
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule
@@ -168,11 +170,10 @@ class LastCheckpoint(Checkpoint):
         """Keep the place in the epoch until there is a loader."""
         self._position = checkpoint.get(POSITION_KEY)
 
-    def _due(self, step: int) -> bool:
-        interval = self.every_n_steps is not None and step % self.every_n_steps == 0
+    def _due(self) -> bool:
         elapsed = time.monotonic() - self._saved_at
         late = self.every_minutes is not None and elapsed >= 60 * self.every_minutes
-        return interval or late or self._validated or self._terminated is not None
+        return late or self._owed or self._terminated is not None
 
     def _save(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
         """Save, unless a weight is no number: the next step says so, and the last good one is kept."""
@@ -181,7 +182,7 @@ class LastCheckpoint(Checkpoint):
             return
         trainer.save_checkpoint(self.file)
         self._saved_at, self._saved_step = time.monotonic(), trainer.global_step
-        self._validated = False
+        self._owed = False
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         del number, frame
