@@ -42,7 +42,7 @@ class Row:
     survived: int
     """Kills after which the same command went on."""
     same_losses: bool
-    """Whether the logged scalars are the same text."""
+    """True if the logged scalars are the same text."""
     entries: list[str]
     """Entries of the last checkpoint that differ."""
 
