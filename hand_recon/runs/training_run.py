@@ -16,6 +16,7 @@ from torch import Tensor
 from hand_recon import __version__
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.scores import HandPoints
+from hand_recon.regressor.compiling import compile_backbones
 from hand_recon.runs.building import build_data, build_module, check_input
 from hand_recon.runs.checkpoint_writer import WholeCheckpoints
 from hand_recon.runs.checkpoints import ConfigInCheckpoint, load_trained
@@ -74,6 +75,8 @@ def _train(config: DictConfig) -> dict[str, Any]:
     data.setup("fit")
     mean = cache(partial(mean_pose, data))
     trainer = build_trainer(config, mean)
+    if config.compile:
+        compile_backbones(module, str(trainer.strategy.root_device))
     seconds = _fit(trainer, module, data, earlier, folder)
     best = best_checkpoint(trainer)
     batches = trainer.fit_loop.total_batch_idx + 1 - (0 if earlier is None else earlier.batches)

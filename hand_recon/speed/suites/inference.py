@@ -14,12 +14,12 @@ from hand_recon import __version__
 from hand_recon.formats.onnx_file import PACKAGES, VERSION_ENTRY, check_installed, to_onnx
 from hand_recon.formats.onnx_graphs import CropGraph, NetworkGraph
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.regressor.compiling import compiler_problem, one_graph
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.regressor.landmark_encoder import LandmarkEncoder
 from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.lifters import DEFAULT
 from hand_recon.runs.onnx_run import load_graph
-from hand_recon.speed.compiling import compiled, compiler_problem
 from hand_recon.speed.measurement import Settings, Work, interleaved, ratios, spread
 from hand_recon.speed.rows import LeftOut, Row
 
@@ -94,7 +94,7 @@ def _forms(
     """Functions from inputs to outputs, by the name of the form, and those that are missing."""
     forms: dict[str, Any] = {}
     left_out = []
-    problem = compiler_problem(settings)
+    problem = "quick=true" if settings.quick else compiler_problem("cpu")
     if problem is None:
         forms["compiled"] = _Compiled(graph)
     else:
@@ -116,7 +116,7 @@ class _Compiled:
     """A network as one compiled graph."""
 
     def __init__(self, graph: NetworkGraph) -> None:
-        self.run = compiled(graph.forward)
+        self.run = one_graph(graph.forward)
 
     @torch.no_grad()
     def __call__(self, values: Sequence[Tensor]) -> Sequence[Tensor]:
