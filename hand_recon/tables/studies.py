@@ -3,12 +3,16 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from hand_recon.tables.paper import TABLE_1, is_papers
 from hand_recon.tables.runs import METRICS_FILE, FinishedRun, LeftOut
 
 Setting = tuple[str, str]
 """A setting's dotted name and its value as text."""
+
+_TARGET: Final = "._target_"
+"""End of the name of the setting that says what a part is."""
 
 
 @dataclass(frozen=True)
@@ -110,9 +114,8 @@ def _experiments(runs: Sequence[FinishedRun], compared: Compared) -> tuple[Exper
     experiments = []
     for name, methods in variants.items():
         chosen = _standing_for(name, variants)
-        common = frozenset.intersection(*methods)
         for method, members in methods.items():
-            own = ", ".join(f"{key}={value}" for key, value in sorted(method - common))
+            own = ", ".join(own_settings(method, list(methods)))
             experiments.append(
                 Experiment(
                     name=name,
@@ -123,6 +126,34 @@ def _experiments(runs: Sequence[FinishedRun], compared: Compared) -> tuple[Exper
                 )
             )
     return tuple(sorted(experiments, key=lambda one: (not one.in_table, one.name, one.label)))
+
+
+def own_settings(
+    method: frozenset[Setting], methods: Sequence[frozenset[Setting]]
+) -> tuple[str, ...]:
+    """Settings that tell a method from the others, as words.
+
+    A part that is built, such as a term of the prior, is one word, with those of its settings that differ
+    among the methods that have it.
+
+    Args:
+        method: The settings of the method.
+        methods: All methods, this one among them.
+    """
+    own = method - frozenset.intersection(*methods)
+    words = {}
+    targets = sorted(key for key, _ in own if key.endswith(_TARGET))
+    for key in targets:
+        part = key.removesuffix(_TARGET)
+        if any(part.startswith(f"{outer}.") for outer in words):
+            continue
+        value = dict(own)[key]
+        alike = [other for other in methods if (key, value) in other]
+        inner = {setting for setting in own if setting[0].startswith(f"{part}.")}
+        words[part] = str(value).rsplit(".", 1)[-1]
+        words |= dict(inner - frozenset.intersection(*alike))
+        own -= inner
+    return tuple(f"{key}={value}" for key, value in sorted((words | dict(own)).items()))
 
 
 def _standing_for(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hand_recon.tables.runs import FinishedRun, LeftOut, read_run, run_folders
-from hand_recon.tables.studies import Compared, group
+from hand_recon.tables.studies import Compared, group, own_settings
 from hand_recon.tables.summary import hand_means
 
 COMPARED = Compared(method=("prior",), ignored=("name", "seed"))
@@ -100,3 +100,29 @@ def test_a_star_is_one_part_of_a_settings_name(tmp_path: Path, name: str, ignore
     compared = Compared((), ("data.parts.*.seed", "data.parts.*.reading"))
     with_setting = dataclasses.replace(run, settings={name: "1"})
     assert ((name, "1") not in compared.study_of(with_setting)) == ignored
+
+
+def test_a_part_is_one_word_in_the_name_of_a_row() -> None:
+    physics = {
+        ("prior.physics._target_", "package.terms.NonPenetrationTerm"),
+        ("prior.physics.weight", "2.0"),
+        ("prior.physics.inner._target_", "package.Inner"),
+    }
+    labels = ("supervision._target_", "package.Landmarks3D"), ("supervision.weight", "5.0")
+    without = frozenset({("prior.physics", "None"), ("data_term", "nll"), *labels})
+    tenth, whole = (
+        frozenset({*physics, ("data_term", "nll"), *labels, ("supervision.fraction", share)})
+        for share in ("0.1", "1.0")
+    )
+    plain = frozenset({*physics, ("data_term", "nll")})
+    methods = [without, tenth, whole, plain]
+    assert own_settings(tenth, methods) == (
+        "prior.physics=NonPenetrationTerm",
+        "supervision=Landmarks3D",
+        "supervision.fraction=0.1",
+    )
+    assert own_settings(without, methods) == ("prior.physics=None", "supervision=Landmarks3D")
+    assert own_settings(plain, methods) == ("prior.physics=NonPenetrationTerm",)
+    assert own_settings(plain, [plain, frozenset({("data_term", "mse"), *physics})]) == (
+        "data_term=nll",
+    )
