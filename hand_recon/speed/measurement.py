@@ -29,7 +29,7 @@ _RESET: Final = Path("/proc/self/clear_refs")
 
 @dataclass(frozen=True)
 class Settings:
-    """How and on what a benchmark runs."""
+    """Threads, device and time of a benchmark."""
 
     threads: int = 1
     """Threads of torch and of the libraries below it."""

@@ -72,7 +72,7 @@ class LeftOut:
     work: str
     """The work that was left out."""
     reason: str
-    """What is missing."""
+    """The thing that is missing."""
 
 
 def row_from(record: dict[str, Any]) -> Row:

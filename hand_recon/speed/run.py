@@ -12,9 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hand_recon.runs.configuration import configure_process
-from hand_recon.speed.machine import describe
-from hand_recon.speed.measurement import Settings
-from hand_recon.speed.report import (
+from hand_recon.speed.benchmark_files import (
     FILES,
     HEADINGS,
     Benchmark,
@@ -22,6 +20,8 @@ from hand_recon.speed.report import (
     read_benchmark,
     write_benchmark,
 )
+from hand_recon.speed.machine import describe
+from hand_recon.speed.measurement import Settings
 from hand_recon.speed.rows import LeftOut, Row
 from hand_recon.speed.suites import SUITES
 

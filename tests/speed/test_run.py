@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 from matplotlib.patches import Rectangle
 
-from hand_recon.speed.machine import describe
-from hand_recon.speed.report import (
+from hand_recon.speed.benchmark_files import (
     FILES,
     Benchmark,
     duration,
@@ -18,6 +17,7 @@ from hand_recon.speed.report import (
     read_benchmark,
     write_benchmark,
 )
+from hand_recon.speed.machine import describe
 from hand_recon.speed.rows import LeftOut, Row, Spread
 from hand_recon.speed.run import benchmark, free_folder, known_device, wanted_suites
 from hand_recon.speed.suites import SUITES, scaling

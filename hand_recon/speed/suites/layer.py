@@ -1,5 +1,6 @@
 """Hand layer, forward and backward, against the published formulas and smplx's MANO layer."""
 
+import importlib
 import importlib.util
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
@@ -101,7 +102,7 @@ def _difference(ours: tuple[Tensor, ...], other: tuple[Tensor, ...]) -> str:
 
 def _smplx(hand: HandModel) -> Layer:
     """MANO layer of the package smplx over the same arrays."""
-    import smplx  # type: ignore[import-not-found]  # the user's own
+    smplx = importlib.import_module("smplx")
 
     model = smplx.MANOLayer(
         model_path="", data_struct=_mano_like(hand), use_pca=False, num_pca_comps=45, num_betas=10

@@ -27,11 +27,11 @@ class Benchmark:
     machine: dict[str, str | int | float]
     """The machine (`machine.describe`)."""
     settings: dict[str, Any]
-    """How it ran."""
+    """Settings of the run."""
     rows: list[Row] = field(default_factory=list)
-    """What was measured."""
+    """Measured rows."""
     left_out: list[LeftOut] = field(default_factory=list)
-    """What this machine could not measure."""
+    """Works that this machine could not measure."""
 
 
 def write_benchmark(folder: Path, found: Benchmark, baseline: Benchmark | None = None) -> None:
