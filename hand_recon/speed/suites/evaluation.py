@@ -1,7 +1,6 @@
 """Scores of the benchmarks' test sets, from the files of predictions to the printed scores (Sec. 4.1)."""
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -46,6 +45,17 @@ class ScoredSet:
 
 FREIHAND: Final = ScoredSet(PROTOCOLS["freihand"], 3960, 5.0)
 HO3D: Final = ScoredSet(PROTOCOLS["ho3d_v3"], 20137, 30.0)
+
+
+_LAUNCHER: Final = """
+import os, sys
+process = os.posix_spawn(sys.argv[2], sys.argv[2:], os.environ)
+_, status, usage = os.wait4(process, 0)
+with open(sys.argv[1], "w") as file:
+    file.write(f"{usage.ru_utime + usage.ru_stime} {usage.ru_maxrss}")
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+"""Small program that starts a command: at its start, a process counts its parent's memory as its own."""
 
 
 def measure(settings: Settings) -> Iterator[Row]:
@@ -112,17 +122,16 @@ def _run(command: Sequence[str], settings: Settings) -> tuple[float, float]:
         RuntimeError: It failed.
     """
     began = time.perf_counter()
-    with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(command, stdout=output, stderr=output)  # noqa: S603  # our own words
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+    with tempfile.TemporaryDirectory() as folder:
+        usage = Path(folder, "usage")
+        words = [sys.executable, "-S", "-c", _LAUNCHER, str(usage), *command]
+        process = subprocess.run(words, capture_output=True, check=False)  # noqa: S603  # our own words
         wall = time.perf_counter() - began
         if process.returncode:
-            output.seek(0)
-            said = output.read().decode(errors="replace")[-2000:]
+            said = (process.stdout + process.stderr).decode(errors="replace")[-2000:]
             raise RuntimeError(f"{' '.join(command)} failed, expected were scores: {said}")
-    processor = usage.ru_utime + usage.ru_stime
-    return processor if settings.processor_time else wall, usage.ru_maxrss / 1024
+        processor, kilobytes = map(float, usage.read_text(encoding="ascii").split())
+    return processor if settings.processor_time else wall, kilobytes / 1024
 
 
 def write_files(folder: Path, test_set: ScoredSet) -> None:
