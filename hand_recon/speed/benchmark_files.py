@@ -136,7 +136,11 @@ def duration(time: Spread) -> str:
 
 
 def _number(ratio: Spread) -> str:
-    return f"{ratio.median:.3g} ({ratio.low:.3g}–{ratio.high:.3g})"
+    low, middle, high = (
+        f"{part:.3g}" if part < 1000 else f"{part:,.0f}"
+        for part in (ratio.low, ratio.median, ratio.high)
+    )
+    return f"{middle} ({low}–{high})"
 
 
 def _wanted(row: Row) -> str:
