@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import dataclass
+from typing import Any, Final
 
 import torch
 from jaxtyping import Float, Int
@@ -45,6 +46,10 @@ class HandAsset:
     """Weights over the vertices followed by the rotation centres, by name of the landmark set."""
     pose_directions: Float[Tensor, "vertex 3 rotation=135"] | None = None
     """MANO's pose blend shapes over the entries of R − I, metres; None for hands without."""
+
+
+_ARRANGED: Final = ("template", "shape_directions", "pose_directions", "skinning_weights")
+"""Arrays that skinning has in another order."""
 
 
 class HandModel(nn.Module):
@@ -110,9 +115,22 @@ class HandModel(nn.Module):
         """
         other = copy.deepcopy(self)
         for name, array in arrays.items():
-            setattr(other, name, array)
+            other.register_buffer(name, array, persistent=False)
         other._arrange()
         return other
+
+    def __setattr__(self, name: str, value: Any) -> None:  # noqa: ANN401  # any attribute
+        """Set an attribute, but none of the arrays that skinning has in another order.
+
+        Raises:
+            AttributeError: It is one of these arrays.
+        """
+        if name in _ARRANGED and "skinning" in self._modules:
+            raise AttributeError(
+                f"{name} of a hand model cannot be set alone, since skinning has it in another order. Use "
+                f"hand.with_arrays({name}=...), which gives a copy."
+            )
+        super().__setattr__(name, value)
 
     def rest(
         self, shape: Float[Tensor, "*batch direction=10"]
@@ -190,8 +208,7 @@ class HandModel(nn.Module):
         """
         count = len(self.template)
         needed = self.landmark_regressor[:, :count].any(dim=0)
-        names = ("template", "shape_directions", "skinning_weights", "pose_directions")
-        wholes = {name: getattr(self, name) for name in names}
+        wholes = {name: getattr(self, name) for name in _ARRANGED}
         kept = torch.cat([needed, torch.ones_like(needed[:1]).expand(len(self.joints_template))])
         return self.with_arrays(
             **{name: None if whole is None else whole[needed] for name, whole in wholes.items()},

@@ -74,8 +74,8 @@ def test_what_a_video_does_not_have_is_refused_before_its_first_frame(
 def test_a_hand_without_second_derivatives_is_refused_before_the_first_frame(
     detector: ScriptedDetector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hand = open_hand("mediapipe")
-    hand.pose_directions = torch.zeros(1)
+    plain = open_hand("mediapipe")
+    hand = plain.with_arrays(pose_directions=torch.zeros(*plain.template.shape, 135))
     monkeypatch.setattr(checks, "build_hand", lambda config: hand)
     with pytest.raises(ValueError, match="no derivatives of the pose blend shapes"):
         predict(asked(clip_file(tmp_path), tmp_path / "out"))

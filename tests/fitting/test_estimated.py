@@ -1,6 +1,5 @@
 """A network's estimate beside landmarks: carried to the fit, its start, and the result without steps."""
 
-import copy
 from dataclasses import replace
 
 import pytest
@@ -121,9 +120,11 @@ def test_a_fit_from_the_true_hand_alone_stays_there(hand: HandModel, solver: str
 def test_a_hand_of_another_shape_is_placed_where_the_landmarks_are(hand: HandModel) -> None:
     """A hand a tenth larger is a tenth farther away, whatever depth the estimate had."""
     landmarks, parameters = seen(hand)
-    larger = copy.deepcopy(hand).of_shape(torch.zeros(10))
-    for name in ("template", "joints_template"):
-        setattr(larger, name, 1.1 * getattr(larger, name))
+    larger = hand.of_shape(torch.zeros(10)).with_arrays(
+        template=1.1 * hand.template, joints_template=1.1 * hand.joints_template
+    )
+    # A copy of a copy of one shape is one, too.
+    assert larger.one_shape
     mean = replace(parameters, shape=torch.zeros(3, 10))
     posed = hand.to_camera(mean)
     exact = Observation(

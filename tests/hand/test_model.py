@@ -71,6 +71,17 @@ def polished(hand: HandModel) -> HandModel:
     return hand.with_arrays(frames=left @ right, skinning_weights=weights)
 
 
+def test_an_array_of_the_surface_is_replaced_in_a_copy_only(hand64: HandModel) -> None:
+    angles, shape = pose(())
+    before = hand64(angles, shape).vertices
+    with pytest.raises(AttributeError, match=r"with_arrays\(template=\.\.\.\)"):
+        hand64.template = 2 * hand64.template
+    doubled = hand64.with_arrays(template=2 * hand64.template)
+    flat = torch.zeros_like(shape)
+    assert (doubled(angles, flat).vertices - hand64(angles, flat).vertices).norm() > 0.1
+    assert_close(hand64(angles, shape).vertices, before)
+
+
 def test_agrees_with_skinning_written_out_vertex_by_vertex(hand64: HandModel) -> None:
     angles, shape = pose(())
     expected = skin_by_hand(hand64, angles.numpy(), shape.numpy())

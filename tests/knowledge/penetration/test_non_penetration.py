@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from numpy.typing import NDArray
 from torch import Tensor
 
 from hand_recon.data.synthetic.gestures import gesture_library
@@ -25,6 +26,7 @@ from hand_recon.speed.published import depth_by_definition as reference
 from tests.support.random_surfaces import random_vertices
 from tests.support.tolerance import BATCH_SHAPES, assert_close
 
+Array = NDArray[np.float64]
 NEAR = 0.02
 
 
@@ -34,7 +36,7 @@ def parts(hand: HandModel) -> ClosedParts:
 
 
 @pytest.fixture(scope="module")
-def geodesics(hand: HandModel) -> reference.Array:
+def geodesics(hand: HandModel) -> Array:
     return geodesic_distances(hand.template.double().numpy(), hand.faces.numpy())
 
 
@@ -117,7 +119,7 @@ def test_most_deliberate_penetrations_are_caught(hand: HandModel, physics: NonPe
 
 
 def test_agrees_with_the_definition_written_out(
-    hand: HandModel, physics: NonPenetration, parts: ClosedParts, geodesics: reference.Array
+    hand: HandModel, physics: NonPenetration, parts: ClosedParts, geodesics: Array
 ) -> None:
     vertices = random_vertices(hand, 5)
     expected = np.stack(
@@ -130,14 +132,14 @@ def test_agrees_with_the_definition_written_out(
 
 
 def test_the_gradient_is_that_of_the_definition(
-    hand: HandModel, parts: ClosedParts, geodesics: reference.Array
+    hand: HandModel, parts: ClosedParts, geodesics: Array
 ) -> None:
     exact = NonPenetration(copy.deepcopy(hand).double())
     vertices = random_vertices(hand, 1, spread=0.7)[0].double().requires_grad_()
     exact(vertices).backward()
     assert vertices.grad is not None
 
-    def total(moved: reference.Array) -> float:
+    def total(moved: Array) -> float:
         return float(np.maximum(reference.depths(moved, parts, geodesics, NEAR) - 0.006, 0).sum())
 
     direction = torch.randn(778, 3, dtype=torch.float64)
