@@ -205,6 +205,7 @@ def plot(found: Benchmark) -> Figure:
         [f"{row.work}, {row.size}\nvs {row.reference}" for row in rows],
         fontsize=6,
     )
+    axes.set_ylim(-0.7, len(rows) - 0.3)
     axes.set_xscale("log")
     axes.axvline(1, color="black", linewidth=0.8)
     axes.set_xlabel("times as fast as the reference; black: quartiles; dotted: wanted")

@@ -75,6 +75,15 @@ class LeftOut:
     """The thing that is missing."""
 
 
+def hands(count: int) -> str:
+    """Number of hands, in words.
+
+    Args:
+        count: The number.
+    """
+    return f"{count} hand" if count == 1 else f"{count} hands"
+
+
 def row_from(record: dict[str, Any]) -> Row:
     """Rebuild a row from its record in `benchmark.json`.
 

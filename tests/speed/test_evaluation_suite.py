@@ -11,6 +11,7 @@ from hand_recon.speed.suites import evaluation
 from hand_recon.speed.suites.evaluation import HO3D, ScoredSet, posed_hands, write_files
 
 
+@pytest.mark.slow
 def test_scores_are_the_scripts_and_the_command_scores_the_files(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -37,7 +37,7 @@ def test_the_layer_suite_compares_equal_layers(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(layer, "BATCHES", (1, 3, 4))
     found = list(layer.measure(QUICK))
     rows = rows_of(found)
-    assert {row.size for row in rows} == {"1 hands", "3 hands"}
+    assert {row.size for row in rows} == {"1 hand", "3 hands"}
     assert all(float(row.difference.split()[0]) < 1e-6 for row in rows)
     reasons = {one.work: one.reason for one in found if isinstance(one, LeftOut)}
     assert reasons["compiled layer"] == "quick=true"
@@ -81,6 +81,7 @@ def test_the_scaling_suite_counts_all_knowledge(monkeypatch: pytest.MonkeyPatch)
     )
 
 
+@pytest.mark.slow
 def test_the_fit_suite_fits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(fit, "BATCHES", (1, 2))
     monkeypatch.setattr(fit, "ADAM_HANDS", 0)

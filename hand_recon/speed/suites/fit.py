@@ -15,7 +15,7 @@ from hand_recon.knowledge.prior import Prior
 from hand_recon.runs.lifters import load_named, starts_of
 from hand_recon.schema import HandBatch
 from hand_recon.speed.measurement import Settings, Work, interleaved, ratios, spread
-from hand_recon.speed.rows import Row
+from hand_recon.speed.rows import Row, hands
 from hand_recon.uncertainty import NegativeLogLikelihood, SquaredError, Staged
 
 BATCHES = (1, 64, 1024)
@@ -49,7 +49,7 @@ def measure(settings: Settings) -> Iterator[Row]:
         yield Row(
             suite="fit",
             work="fit with all knowledge, started by the lifter",
-            size=f"{batch} hands",
+            size=hands(batch),
             items=batch,
             seconds=spread(times["fit"]),
             reference="the same loss by Adam" if "adam" in times else None,
@@ -59,7 +59,7 @@ def measure(settings: Settings) -> Iterator[Row]:
         yield Row(
             suite="fit",
             work="lifter alone",
-            size=f"{batch} hands",
+            size=hands(batch),
             items=batch,
             seconds=spread(times["lifter"]),
         )

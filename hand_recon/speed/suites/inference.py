@@ -24,7 +24,7 @@ from hand_recon.regressor.photo_encoder import PhotoEncoder
 from hand_recon.runs.lifters import DEFAULT
 from hand_recon.runs.onnx_run import load_graph
 from hand_recon.speed.measurement import Settings, Work, interleaved, ratios, spread
-from hand_recon.speed.rows import LeftOut, Row
+from hand_recon.speed.rows import LeftOut, Row, hands
 
 BATCHES: Final = (1, 32)
 ACCURATE: Final = 1e-4
@@ -71,7 +71,7 @@ def _of_network(name: str, graph: NetworkGraph, settings: Settings) -> Iterator[
         yield Row(
             suite="inference",
             work=f"{name}, PyTorch",
-            size=f"{batch} hands",
+            size=hands(batch),
             items=batch,
             seconds=spread(times["eager"]),
         )
@@ -80,7 +80,7 @@ def _of_network(name: str, graph: NetworkGraph, settings: Settings) -> Iterator[
             yield Row(
                 suite="inference",
                 work=f"{name}, {form}",
-                size=f"{batch} hands",
+                size=hands(batch),
                 items=batch,
                 seconds=spread(times[form]),
                 reference="PyTorch, eager",

@@ -18,7 +18,7 @@ from hand_recon.schema import HandGeometry
 from hand_recon.speed.measurement import Settings, interleaved, ratios, spread
 from hand_recon.speed.poses import blended_hand, joint_angles, shapes
 from hand_recon.speed.published.hand_layer import PublishedLayer
-from hand_recon.speed.rows import LeftOut, Row
+from hand_recon.speed.rows import LeftOut, Row, hands
 
 Layer = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """Joint rotations and shape → vertices and rotation centres."""
@@ -73,7 +73,7 @@ def _compared(
                 yield Row(
                     suite="layer",
                     work=f"{ours} hand layer",
-                    size=f"{batch} hands",
+                    size=hands(batch),
                     items=batch,
                     seconds=spread(times[ours]),
                     reference={"published": "published formulas", "smplx": "smplx's MANO layer"}[

@@ -8,7 +8,7 @@ from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters
 from hand_recon.speed.measurement import Settings, interleaved, spread
 from hand_recon.speed.poses import joint_angles, shapes
-from hand_recon.speed.rows import Row
+from hand_recon.speed.rows import Row, hands
 
 BATCHES = (1, 4, 16, 64, 256, 1024)
 
@@ -23,7 +23,7 @@ def measure(settings: Settings) -> Iterator[Row]:
             yield Row(
                 suite="scaling",
                 work=name,
-                size=f"{batch} hands",
+                size=hands(batch),
                 items=batch,
                 seconds=spread(times),
             )
