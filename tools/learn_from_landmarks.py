@@ -31,7 +31,6 @@ from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.fitting.descent import Descent, fit
 from hand_recon.fitting.objective import Fitted, Objective
 from hand_recon.fitting.observation import Observation, observed
-from hand_recon.fitting.second_order.chain import LEVEL_ORDER
 from hand_recon.fitting.second_order.laplace import covariance_of
 from hand_recon.fitting.second_order.least_squares import Problem
 from hand_recon.fitting.second_order.prior_terms import PriorTerms
@@ -41,7 +40,7 @@ from hand_recon.fitting.start import Start
 from hand_recon.hand import open_hand as hands
 from hand_recon.hand.landmark_offsets import carrying_joints, with_offsets
 from hand_recon.hand.model import HandModel
-from hand_recon.hand.skeleton import ARTICULATED, AXES, FINGERS, LANDMARKS
+from hand_recon.hand.skeleton import ARTICULATED, AXES, FINGERS, LANDMARKS, LEVEL_ORDER
 from hand_recon.knowledge import natural_pose
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
 from hand_recon.knowledge.pose_distance import PoseDistance, PoseDistanceTerm

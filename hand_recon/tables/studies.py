@@ -141,7 +141,7 @@ def own_settings(
         methods: All methods, this one among them.
     """
     own = method - frozenset.intersection(*methods)
-    words = {}
+    words: dict[str, str] = {}
     targets = sorted(key for key, _ in own if key.endswith(_TARGET))
     for key in targets:
         part = key.removesuffix(_TARGET)

@@ -5,7 +5,6 @@ import torch
 
 from hand_recon.camera import project
 from hand_recon.fitting.second_order.chain import (
-    LEVEL_ORDER,
     Skeleton,
     chain_points,
     chain_vertices,
@@ -14,7 +13,7 @@ from hand_recon.fitting.second_order.chain import (
 from hand_recon.fitting.second_order.projection import LandmarkProjection
 from hand_recon.fitting.second_order.unknowns import COUNT, Unknowns
 from hand_recon.hand.anatomical_axes import rotation
-from hand_recon.hand.skeleton import JOINTS
+from hand_recon.hand.skeleton import JOINTS, LEVEL_ORDER
 from tests.fitting.second_order.hands import double_hand, random_cameras, random_unknowns
 from tests.support.tolerance import assert_close
 
