@@ -62,6 +62,26 @@ def mark_unfinished(folder: Path, settings: dict[str, Any]) -> None:
     _write(folder / MARK, settings)
 
 
+def free_folder(path: str | Path, products: Sequence[str]) -> Path:
+    """Check that a folder has none of the files of a command's results.
+
+    Args:
+        path: The folder, which need not exist.
+        products: Files and folders that the command writes.
+
+    Raises:
+        FileExistsError: It has one.
+    """
+    folder = Path(path).expanduser().absolute()
+    taken = [name for name in products if (folder / name).exists()]
+    if taken:
+        raise FileExistsError(
+            f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Name another folder "
+            "with output=<folder>."
+        )
+    return folder
+
+
 def claim_or_resume(path: str | Path, products: Sequence[str], settings: dict[str, Any]) -> bool:
     """Make a folder for results, or recognize one that the same command left unfinished.
 

@@ -91,15 +91,6 @@ def ratios(reference: Sequence[float], work: Sequence[float]) -> Spread:
     return spread([one / other for one, other in zip(reference, work, strict=True)])
 
 
-def once(work: Work, settings: Settings) -> tuple[float, object]:
-    """Seconds of one run of a long work, and its result."""
-    clock = time.process_time if settings.processor_time else time.perf_counter
-    began = clock()
-    result = work()
-    _finish(settings.device)
-    return clock() - began, result
-
-
 def peak_memory(make: Callable[[], Work], threads: int) -> float:
     """Growth of memory at its peak while a work runs in a process of its own, MB.
 

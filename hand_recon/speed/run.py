@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hand_recon.runs.configuration import configure_process
+from hand_recon.runs.unfinished import free_folder
 from hand_recon.speed.benchmark_files import (
     FILES,
     HEADINGS,
@@ -50,7 +51,7 @@ def benchmark(config: DictConfig) -> Benchmark:
     baseline = (
         None if config.baseline is None else read_benchmark(Path(config.baseline).expanduser())
     )
-    folder = free_folder(config.output or config.paths.run)
+    folder = free_folder(config.output or config.paths.run, FILES)
     configure_process(settings.threads)
     found = Benchmark(describe(), asdict(settings))
     for name in names:
@@ -111,22 +112,6 @@ def known_device(name: str) -> str:
             "Use device=cpu."
         ) from error
     return name
-
-
-def free_folder(path: str | Path) -> Path:
-    """Check that a folder holds no benchmark yet.
-
-    Raises:
-        FileExistsError: It holds one.
-    """
-    folder = Path(path).expanduser().absolute()
-    taken = [name for name in FILES if (folder / name).exists()]
-    if taken:
-        raise FileExistsError(
-            f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Name another folder "
-            "with output=<folder>."
-        )
-    return folder
 
 
 def show(found: Benchmark, suite: str) -> None:

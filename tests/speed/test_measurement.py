@@ -12,7 +12,6 @@ from hand_recon.speed.measurement import (
     Settings,
     Work,
     interleaved,
-    once,
     peak_memory,
     ratios,
     spread,
@@ -57,13 +56,6 @@ def test_processor_time_is_for_one_thread_of_a_processor(
     settings: Settings, processor: bool
 ) -> None:
     assert settings.processor_time is processor
-
-
-def test_a_long_work_is_run_once() -> None:
-    runs = iter(["first", "second"])
-    seconds, result = once(lambda: next(runs), Settings())
-    assert (result, next(runs)) == ("first", "second")
-    assert seconds >= 0
 
 
 def holding(megabytes: int) -> Work:

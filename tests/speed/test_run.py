@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from matplotlib.patches import Rectangle
 
+from hand_recon.runs.unfinished import free_folder
 from hand_recon.speed.benchmark_files import (
     FILES,
     Benchmark,
@@ -19,7 +20,7 @@ from hand_recon.speed.benchmark_files import (
 )
 from hand_recon.speed.machine import describe
 from hand_recon.speed.rows import LeftOut, Row, Spread
-from hand_recon.speed.run import benchmark, free_folder, known_device, wanted_suites
+from hand_recon.speed.run import benchmark, known_device, wanted_suites
 from hand_recon.speed.suites import SUITES, scaling
 from tests.support.configurations import settings
 
@@ -133,10 +134,10 @@ def test_an_unknown_device_is_refused() -> None:
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
-    assert free_folder(tmp_path) == tmp_path
+    assert free_folder(tmp_path, FILES) == tmp_path
     (tmp_path / "benchmark.md").touch()
     with pytest.raises(FileExistsError, match="output=<folder>"):
-        free_folder(tmp_path)
+        free_folder(tmp_path, FILES)
 
 
 def test_the_machine_is_described() -> None:

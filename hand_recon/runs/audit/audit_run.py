@@ -36,6 +36,7 @@ from hand_recon.plausibility.repaired_hands import (
 from hand_recon.plausibility.verdicts import Limits
 from hand_recon.runs.audit.sources import Reading, read_given
 from hand_recon.runs.configuration import build_hand, configure_process, plain
+from hand_recon.runs.unfinished import free_folder
 
 logger = logging.getLogger(__name__)
 
@@ -113,14 +114,7 @@ def refuse_report(path: str | Path) -> Path:
     Raises:
         FileExistsError: It has one.
     """
-    folder = Path(path).expanduser().absolute()
-    taken = [name for name in PRODUCTS if (folder / name).exists()]
-    if taken:
-        raise FileExistsError(
-            f"{folder} already holds {', '.join(taken)}, and nothing is overwritten. Name another folder "
-            "with output=<folder>."
-        )
-    return folder
+    return free_folder(path, PRODUCTS)
 
 
 def write_repaired(folder: Path, repair: RepairedHands) -> None:

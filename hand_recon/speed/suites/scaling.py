@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from functools import partial
 
+import torch
+
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.knowledge.prior import Prior
 from hand_recon.schema import HandParameters
@@ -42,13 +44,14 @@ def knowledge_work(count: int, device: str, name: str) -> partial[float]:
     angles = joint_angles("natural", count).to(device).requires_grad_()
     shape = shapes(count).to(device).requires_grad_()
 
+    upright = torch.eye(3, device=device).expand(count, 3, 3)
+
     def work() -> float:
         angles.grad = shape.grad = None
         geometry = hand(angles, shape)
         loss = geometry.vertices.square().sum()
         if name != "hand":
-            eye = geometry.joints.new_zeros(count, 3, 3)
-            parameters = HandParameters(angles, shape, eye, geometry.joints[:, 0])
+            parameters = HandParameters(angles, shape, upright, geometry.joints[:, 0])
             values = prior.weighted(prior(parameters, geometry.vertices))
             loss = loss + sum(value.sum() for value in values.values())
         loss.backward()

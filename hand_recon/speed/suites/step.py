@@ -53,7 +53,7 @@ def measure(settings: Settings) -> Iterator[Row]:
     network = torchvision.models.resnet50(weights=None).to(settings.device)
     works: dict[str, Work] = {
         "step": partial(step_without_backbone, module, batch),
-        "network": partial(_forward_and_backward, network, images, settings.device),
+        "network": partial(_forward_and_backward, network, random_images(images, settings.device)),
     }
     works |= {name: _optimizer_step(network, name) for name in ("foreach", "fused")}
     times = interleaved(works, settings)
@@ -124,10 +124,19 @@ def step_without_backbone(module: HandReconstruction, batch: HandBatch) -> Tenso
     return loss.detach()
 
 
-def _forward_and_backward(network: nn.Module, count: int, device: str) -> None:
-    network.zero_grad(set_to_none=True)
+def random_images(count: int, device: str) -> Tensor:
+    """Normalized images of noise, 224 pixels.
+
+    Args:
+        count: Number of images.
+        device: Device of torch.
+    """
     generator = torch.Generator().manual_seed(0)
-    images = torch.randn(count, 3, 224, 224, generator=generator).to(device)
+    return torch.randn(count, 3, 224, 224, generator=generator).to(device)
+
+
+def _forward_and_backward(network: nn.Module, images: Tensor) -> None:
+    network.zero_grad(set_to_none=True)
     network(images).square().mean().backward()
 
 
