@@ -82,11 +82,15 @@ def collection_paused() -> Iterator[None]:
             gc.enable()
 
 
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    # Systems without CPU affinity give a process all cores.
+    return len(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
+
+
 def default_threads() -> int:
     """Threads of a command that was given no number: the cores that are not busy with other processes.
 
     Without `share_processor`, every core that this process may use.
     """
-    # Systems without CPU affinity give a process all cores.
-    usable = len(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
-    return free_cores(usable, _start[0] if _start else None, busy_time())
+    return free_cores(usable_cores(), _start[0] if _start else None, busy_time())

@@ -13,6 +13,7 @@ import shutil
 from pathlib import Path
 from typing import Final
 
+from hand_recon.command_line.processor import usable_cores
 from hand_recon.inspection.finding import Finding
 
 PACKAGES: Final = (
@@ -50,10 +51,7 @@ def look_at_versions() -> list[Finding]:
 
 def look_at_devices() -> list[Finding]:
     """The processor and the accelerators that PyTorch can use."""
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
-    findings = [Finding("CPU", "good", f"{cores} cores usable")]
+    findings = [Finding("CPU", "good", f"{usable_cores()} cores usable")]
     accelerators = _accelerators() if may_have_accelerator() else []
     if not accelerators:
         cure = "If there is one, check its driver." if cuda_of_torch() else ""

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from hand_recon.command_line.processor import usable_cores
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.speed.measurement import Settings
 from hand_recon.speed.poses import joint_angles, shapes
@@ -106,6 +107,9 @@ def test_the_inference_suite_compares_the_forms(monkeypatch: pytest.MonkeyPatch)
     forms = {row.work for row in rows}
     assert "packaged lifter, onnxruntime, 8 bits" in forms
     assert "network for photographs, random weights, onnxruntime" in forms
+    if usable_cores() > 1:
+        assert "packaged lifter, PyTorch, 2 threads" in forms
+        assert "packaged lifter beside a busy process, 2 threads that sleep" in forms
     exact = [row for row in rows if row.work.endswith(", onnxruntime")]
     assert all(float(row.difference.split()[0]) < 0.1 for row in exact)
 

@@ -25,6 +25,7 @@ from hand_recon.runs.lifters import DEFAULT
 from hand_recon.runs.onnx_run import load_graph
 from hand_recon.speed.measurement import Settings, Work, interleaved, ratios, spread
 from hand_recon.speed.rows import LeftOut, Row, hands
+from hand_recon.speed.threads import measure_busy, measure_threads
 
 BATCHES: Final = (1, 32)
 ACCURATE: Final = 1e-4
@@ -46,6 +47,8 @@ def measure(settings: Settings) -> Iterator[Row | LeftOut]:
         yield from _of_network(
             "network for photographs, random weights", random_network(), settings
         )
+    if settings.device == "cpu":
+        yield from measure_busy(BATCHES, settings)
 
 
 def random_network() -> NetworkGraph:
@@ -91,6 +94,8 @@ def _of_network(name: str, graph: NetworkGraph, settings: Settings) -> Iterator[
                 if difference <= ACCURATE
                 else "differs by more than 0.1 mm: not to be used",
             )
+    if settings.device == "cpu":
+        yield from measure_threads(name, graph, BATCHES, settings)
 
 
 def _forms(
