@@ -89,38 +89,44 @@ class AnnotatedImages(Dataset[HandSample]):
             position = (index + step) % len(self)
             crop = self.reader.read(int(self.rows[position]))
             if crop is not None:
-                return self._sample(position, crop)
+                return to_sample(self.hands, int(self.rows[position]), crop, position)
         raise RuntimeError(
             f"No image of {self.hands.name} in {self.hands.root} can be read; unpack the archive again."
         )
 
-    def _sample(self, position: int, crop: Crop) -> HandSample:
-        hands, row = self.hands, int(self.rows[position])
-        left = hands.is_left(row)
-        labels = crop_points(hands.landmarks_2d[row], crop.matrix)
-        intrinsics = _row(hands.intrinsics, row)
-        if intrinsics is not None:
-            # The camera's x axis is mirrored too, so that f_x stays positive in a mirrored crop.
-            intrinsics = crop_intrinsics(intrinsics, crop.matrix) * _mirror(left)
-        surface = None if hands.surfaces is None else hands.surfaces(row)
-        return HandSample(
-            image=torch.from_numpy(crop.pixels),
-            landmarks_2d=torch.from_numpy(labels).float(),
-            labelled=torch.from_numpy(np.isfinite(labels).all(axis=-1)),
-            index=position,
-            source=hands.source(row),
-            intrinsics=None if intrinsics is None else torch.from_numpy(intrinsics).float(),
-            landmarks_3d=_points(_row(hands.landmarks_3d, row), left),
-            vertices=_points(surface, left),
-            occluded=None
-            if hands.occluded is None
-            else torch.from_numpy(hands.occluded[row].copy()),
-            confidence=None
-            if hands.confidence is None
-            else torch.from_numpy(hands.confidence[row]).float(),
-            label_noise=_scaled(_row(hands.label_noise, row), crop.matrix),
-            mirrored=left,
-        )
+
+def to_sample(hands: AnnotatedHands, row: int, crop: Crop, index: int) -> HandSample:
+    """Sample of a hand whose crop was read: labels and camera in the crop, mirrored with it.
+
+    Args:
+        hands: The table.
+        row: Row of the hand.
+        crop: Its crop.
+        index: Its position in the dataset.
+    """
+    left = hands.is_left(row)
+    labels = crop_points(hands.landmarks_2d[row], crop.matrix)
+    intrinsics = _row(hands.intrinsics, row)
+    if intrinsics is not None:
+        # The camera's x axis is mirrored too, so that f_x stays positive in a mirrored crop.
+        intrinsics = crop_intrinsics(intrinsics, crop.matrix) * _mirror(left)
+    surface = None if hands.surfaces is None else hands.surfaces(row)
+    return HandSample(
+        image=torch.from_numpy(crop.pixels),
+        landmarks_2d=torch.from_numpy(labels).float(),
+        labelled=torch.from_numpy(np.isfinite(labels).all(axis=-1)),
+        index=index,
+        source=hands.source(row),
+        intrinsics=None if intrinsics is None else torch.from_numpy(intrinsics).float(),
+        landmarks_3d=_points(_row(hands.landmarks_3d, row), left),
+        vertices=_points(surface, left),
+        occluded=None if hands.occluded is None else torch.from_numpy(hands.occluded[row].copy()),
+        confidence=None
+        if hands.confidence is None
+        else torch.from_numpy(hands.confidence[row]).float(),
+        label_noise=_scaled(_row(hands.label_noise, row), crop.matrix),
+        mirrored=left,
+    )
 
 
 def _mirror(left: bool) -> Float[np.ndarray, " 3"]:

@@ -111,28 +111,8 @@ class CropReader:
         return index
 
     def _decode(self, row: int) -> Crop | None:
-        hands = self.hands
-        pixels = read_image(hands.images[row])
-        if pixels is None:
-            return None
-        height, width = pixels.shape[:2]
-        matrix = self.crop.matrix((height, width), self._region(row))
-        if hands.is_left(row):
-            matrix = crop_mirror(self.crop.size) @ matrix
-        crop = crop_image(pixels, matrix, self.crop.size)
-        return Crop(pixels=np.ascontiguousarray(crop.transpose(2, 0, 1)), matrix=matrix)
-
-    def _region(self, row: int) -> HandRegion:
-        hands = self.hands
-        mask = None
-        if hands.masks is not None and self.crop.around == "mask":
-            mask = read_image(hands.masks[row])
-        return HandRegion(
-            landmarks=hands.landmarks_2d[row],
-            box=None if hands.boxes is None else hands.boxes[row],
-            mask=None if mask is None else mask[..., 0] > MASK_THRESHOLD,
-            name=hands.source(row),
-        )
+        pixels = read_image(self.hands.images[row])
+        return None if pixels is None else cut_crop(self.hands, row, pixels, self.crop)
 
     def _open_map(
         self, folder: Path, rows: Int[np.ndarray, " row"], workers: int
@@ -190,6 +170,37 @@ class CropReader:
             "unreadable": self.corrupt.names,
         }
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2))
+
+
+def cut_crop(
+    hands: AnnotatedHands, row: int, pixels: UInt8[np.ndarray, "_ _ 3"], policy: CropPolicy
+) -> Crop:
+    """Cut the crop of a hand out of its image; left hands are mirrored.
+
+    Args:
+        hands: The table.
+        row: Row of the hand.
+        pixels: The decoded image, RGB.
+        policy: Size and position of the crop.
+    """
+    height, width = pixels.shape[:2]
+    matrix = policy.matrix((height, width), _region(hands, row, policy))
+    if hands.is_left(row):
+        matrix = crop_mirror(policy.size) @ matrix
+    crop = crop_image(pixels, matrix, policy.size)
+    return Crop(pixels=np.ascontiguousarray(crop.transpose(2, 0, 1)), matrix=matrix)
+
+
+def _region(hands: AnnotatedHands, row: int, policy: CropPolicy) -> HandRegion:
+    mask = None
+    if hands.masks is not None and policy.around == "mask":
+        mask = read_image(hands.masks[row])
+    return HandRegion(
+        landmarks=hands.landmarks_2d[row],
+        box=None if hands.boxes is None else hands.boxes[row],
+        mask=None if mask is None else mask[..., 0] > MASK_THRESHOLD,
+        name=hands.source(row),
+    )
 
 
 class _CropMap:

@@ -13,15 +13,20 @@ START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 
 
 def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Read an RGB image; None if the file is missing, damaged or cut off.
-
-    OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
-    The markers cannot occur inside compressed data.
-    """
+    """Read an RGB image; None if the file is missing, damaged or cut off."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
+    return decode_image(content)
+
+
+def decode_image(content: bytes) -> UInt8[np.ndarray, "height width 3"] | None:
+    """Decode an RGB image; None if it is damaged or cut off.
+
+    OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
+    The markers cannot occur inside compressed data.
+    """
     cut_off = content.rfind(END_OF_IMAGE) < content.rfind(START_OF_SCAN)
     if not content or (content.startswith(b"\xff\xd8") and cut_off):
         return None
