@@ -85,7 +85,10 @@ def _shape_of_first(text: str) -> tuple[int, ...]:
     text = text.lstrip()
     if not text.startswith("["):
         raise ValueError("it does not start with a bracket")
-    first = np.array(json.JSONDecoder().raw_decode(text[1:].lstrip())[0])
+    try:
+        first = np.array(json.JSONDecoder().raw_decode(text[1:].lstrip())[0])
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
     if first.dtype.kind not in "iuf" or first.size == 0:
         raise ValueError("its first element holds no numbers")
     return first.shape

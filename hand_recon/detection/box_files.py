@@ -10,7 +10,6 @@ All are in pixels of the image.
 """
 
 import csv
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from hand_recon.detection.detector import Side
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import parse_json, read_text
 
 COLUMNS: Final = ("left", "top", "right", "bottom")
 
@@ -56,8 +57,9 @@ class BoxFile:
                 f"No file of boxes at {self.path}. Name a JSON, COCO or CSV file with boxes=<file>."
             )
         self.boxes: dict[PurePosixPath, list[GivenBox]] = {}
-        for image, box in self._rows():
-            self.boxes.setdefault(_as_path(image), []).append(box)
+        with naming(self.path, "boxes of hands as JSON, COCO or CSV"):
+            for image, box in self._rows():
+                self.boxes.setdefault(_as_path(image), []).append(box)
 
     def of(self, image: Path) -> list[GivenBox] | None:
         """The boxes of an image; none if the file does not name it.
@@ -75,10 +77,10 @@ class BoxFile:
             yield from self._csv_rows()
             return
         try:
-            content = json.loads(self.path.read_text(encoding="utf-8-sig"))
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            content = parse_json(read_text(self.path), self.path)
+        except ValueError as error:
             raise ValueError(
-                f"{self.path} is no JSON ({error}). A table must be named .csv."
+                f"{self.path} is no JSON ({error.__cause__ or error}). A table must be named .csv."
             ) from error
         if isinstance(content, dict) and {"images", "annotations"} <= content.keys():
             yield from self._coco_rows(content)

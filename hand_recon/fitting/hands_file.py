@@ -45,6 +45,7 @@ from hand_recon.fitting.hands_lines import SUFFIX, read_lines, refuse_constant
 from hand_recon.fitting.hands_list import writing_entries
 from hand_recon.fitting.origin import Moment
 from hand_recon.hand.skeleton import ARTICULATED, AXES
+from hand_recon.reading.text import parse_json, read_text
 
 DECIMALS: Final[Mapping[str, int]] = {
     "score": 4,
@@ -172,7 +173,7 @@ def finished_entries(path: Path) -> Iterator[dict[str, Any]]:
                 continue
             try:
                 entry = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 return
             if not isinstance(entry, dict) or not set(KEYS) <= set(entry):
                 return
@@ -197,11 +198,14 @@ def read_hands(path: str | Path) -> HandRecords:
         )
     if path.suffix.lower() == SUFFIX:
         return to_records(read_lines(path), str(path))
+    text = read_text(path, "utf-8")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse_constant)
-    except (ValueError, RecursionError) as error:
+        content = parse_json(text, path, refuse_constant)
+    except ValueError as error:
+        if error.__cause__ is None:
+            raise
         raise ValueError(
-            f"{path} is not JSON ({error}); expected a list of hands. Write the file again."
+            f"{path} is not JSON ({error.__cause__}); expected a list of hands. Write the file again."
         ) from error
     if not isinstance(content, list):
         raise ValueError(

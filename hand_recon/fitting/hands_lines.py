@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, Final, TextIO
 
 from hand_recon.data.whole_files import replaced_when_whole
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import parse_json
 
 SUFFIX: Final = ".jsonl"
 """Suffix of files of lines."""
@@ -70,16 +72,16 @@ def read_lines(path: Path) -> list[Any]:
         ValueError: A line is not JSON.
     """
     content = []
-    with path.open(encoding="utf-8") as stream:
+    with naming(path, "one hand to a line"), path.open(encoding="utf-8") as stream:
         for number, line in enumerate(stream, start=1):
             if not line.strip():
                 continue
             try:
-                content.append(json.loads(line, parse_constant=refuse_constant))
-            except (ValueError, RecursionError) as error:
+                content.append(parse_json(line, path, refuse_constant))
+            except ValueError as error:
                 raise ValueError(
-                    f"{path}, line {number}, is not JSON ({error}); expected one hand to a line. Write the "
-                    "file again, or delete this line."
+                    f"{path}, line {number}, is not JSON ({error.__cause__ or error}); expected one hand to "
+                    "a line. Write the file again, or delete this line."
                 ) from error
     return content
 

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from hand_recon.hand.skeleton import ARTICULATED, AXES
+from hand_recon.reading.text import parse_yaml, read_text
 
 TABLES: Final = Path(__file__).parent / "tables"
 """Folder of the shipped tables."""
@@ -67,7 +68,7 @@ def load_ranges(
             the hand's rest pose was not given.
     """
     path = table_path(name_or_path)
-    table = _read(path)
+    table = parse_yaml(read_text(path), path)
     if not isinstance(table, dict) or not isinstance(table.get("joints"), dict):
         raise ValueError(
             f"{path} has no `joints:` section; tables/literature.yaml beside this module shows the form."
@@ -81,24 +82,23 @@ def load_ranges(
     return RangeOfMotion(lower=bounds[..., 0], upper=bounds[..., 1])
 
 
-def _read(path: Path) -> Any:  # noqa: ANN401  # any YAML
-    """Content of a YAML file, read by OmegaConf, or by PyYAML on a machine for training without it."""
-    try:
-        from omegaconf import OmegaConf
-    except ModuleNotFoundError:
-        import yaml
-
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    return OmegaConf.to_container(OmegaConf.load(path))
-
-
 def _template(
     path: Path, table: dict[str, Any], rest_angles: Tensor | None
 ) -> Float[Tensor, "joint=15 axis=3"]:
     """Zero of a table, radians: its own `template`, or else the rest pose of the hand model."""
     if "template" in table:
         own = table["template"]
-        rows = [[own.get(joint, {}).get(axis, 0.0) for axis in AXES] for joint in ARTICULATED]
+        if not isinstance(own, dict) or not all(isinstance(row, dict) for row in own.values()):
+            raise ValueError(
+                f"{path}: `template` is {own!r:.200}, expected bend, splay and twist in degrees by joint."
+            )
+        rows = [
+            [
+                _degrees(path, f"template {joint} {axis}", own.get(joint, {}).get(axis, 0.0))
+                for axis in AXES
+            ]
+            for joint in ARTICULATED
+        ]
         return torch.tensor(rows).deg2rad()
     if rest_angles is None:
         raise ValueError(
@@ -133,32 +133,44 @@ def _check_names(path: Path, rows: dict[str, dict[str, list[object]]]) -> None:
             f"A table has one row for each of {list(ARTICULATED)}."
         )
     for joint in ARTICULATED:
-        if set(rows[joint]) != set(AXES):
-            raise ValueError(
-                f"{path}: {joint} has axes {list(rows[joint])}, expected {list(AXES)}."
-            )
+        if not isinstance(rows[joint], dict) or set(rows[joint]) != set(AXES):
+            found = list(rows[joint]) if isinstance(rows[joint], dict) else rows[joint]
+            raise ValueError(f"{path}: {joint} has axes {found!r:.200}, expected {list(AXES)}.")
 
 
 def _bounds(path: Path, table: dict[str, Any], joint: str, axis: str) -> tuple[float, float]:
     """Lower and upper bound of one row, radians."""
     row = table["joints"][joint][axis]
-    if len(row) not in (3, 4):
+    if not isinstance(row, list) or len(row) not in (3, 4):
         raise ValueError(
-            f"{path}: {joint} {axis} is {list(row)}, expected [minimum, maximum, source] in degrees, or "
+            f"{path}: {joint} {axis} is {row!r:.200}, expected [minimum, maximum, source] in degrees, or "
             "[minimum, maximum, source of the minimum, source of the maximum]."
         )
     for source in map(str, row[2:]):
-        if source not in table.get("sources", {}):
+        if source not in (table.get("sources") or {}):
             raise ValueError(
                 f"{path}: {joint} {axis} names the source {source!r}, which `sources:` does not explain."
             )
-    lower, upper = float(row[0]), float(row[1])
+    lower, upper = (
+        _degrees(path, f"{joint} {axis}", row[0]),
+        _degrees(path, f"{joint} {axis}", row[1]),
+    )
     if not -180 <= lower <= upper <= 180:
         raise ValueError(
             f"{path}: {joint} {axis} goes from {lower} to {upper} degrees; the minimum must not exceed "
             "the maximum and both lie within ±180."
         )
     return math.radians(lower), math.radians(upper)
+
+
+def _degrees(path: Path, name: str, value: object) -> float:
+    """A bound as a number; text such as 1e1 is one, too."""
+    try:
+        return float(value)  # type: ignore[arg-type]  # the user's
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(
+            f"{path}: {name} is {value!r:.80}, expected a number of degrees."
+        ) from error
 
 
 def _reference(path: Path, table: dict[str, Any]) -> str:

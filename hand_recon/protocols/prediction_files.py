@@ -23,6 +23,9 @@ from hand_recon.protocols.prediction_json import (
     read_point_list,
     read_point_lists,
 )
+from hand_recon.reading.archives import opened_zip
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import read_bytes
 
 COLUMNS: Final = 64
 """Numbers on a line of DexYCB's text: the id, then three coordinates of 21 landmarks."""
@@ -132,12 +135,13 @@ def read_predictions(path: Path, protocol: Protocol) -> PointFile:
         raise FileNotFoundError(
             f"There is no file {path}; predictions=<file> is pred.json, pred.zip or DexYCB's text."
         )
-    if protocol.is_text:
-        return _read_text(path)
-    if zipfile.is_zipfile(path):
-        return _read_zip(path)
-    with path.open("rb") as stream:
-        return _checked(read_point_lists(stream, str(path)))
+    with naming(path, "predictions in the benchmark's format"):
+        if protocol.is_text:
+            return _read_text(path)
+        if zipfile.is_zipfile(path):
+            return _read_zip(path)
+        with path.open("rb") as stream:
+            return _checked(read_point_lists(stream, str(path)))
 
 
 def read_ground_truth(folder: Path, protocol: Protocol) -> PointFile:
@@ -183,7 +187,7 @@ def _true_vertices(path: Path, frames: int) -> Tensor | None:
 
 
 def _read_zip(path: Path) -> PointFile:
-    with zipfile.ZipFile(path) as archive:
+    with opened_zip(path, path) as archive:
         names = [name for name in archive.namelist() if Path(name).name == "pred.json"]
         if not names:
             raise ValueError(
@@ -225,7 +229,7 @@ def _checked(lists: PointLists) -> PointFile:
 
 def _read_text(path: Path) -> PointFile:
     """DexYCB's text: comma-separated, an id and 63 millimetres on each line."""
-    text = path.read_bytes()
+    text = read_bytes(path)
     lines = [line for line in text.splitlines() if line.strip()]
     for number, line in enumerate(lines):
         if line.count(b",") != COLUMNS - 1:

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from matplotlib.figure import Figure
 
+from hand_recon.reading.text import parse_json, read_text
 from hand_recon.speed.rows import LeftOut, Row, Spread, row_from
 
 FILES: Final = ("benchmark.json", "benchmark.md", "benchmark.png")
@@ -65,7 +66,7 @@ def read_benchmark(path: Path) -> Benchmark:
             "or the file as baseline=<path>."
         )
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path), path)
         if content["format"] != FORMAT:
             raise ValueError(content["format"])
         rows = [row_from(row) for row in content["rows"]]

@@ -1,7 +1,6 @@
 """Reader of finished runs: settings, scores, and the errors of every test hand."""
 
 import csv
-import json
 import math
 import os
 from collections.abc import Iterable, Mapping
@@ -10,10 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from jaxtyping import Float, Int
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import parse_json, parse_yaml, read_text
 
 SETTINGS_FILE: Final = "config.yaml"
 """File of a run's resolved configuration, the first that a run writes."""
@@ -105,10 +106,12 @@ def read_run(folder: Path) -> FinishedRun | LeftOut:
     if not (folder / METRICS_FILE).is_file():
         return LeftOut(folder, f"unfinished: it has no {METRICS_FILE}")
     try:
-        metrics = json.loads((folder / METRICS_FILE).read_text(encoding="utf-8"))
-        config = _read_settings(folder / SETTINGS_FILE)
-        per_hand = _read_per_hand(folder / PER_HAND_FILE)
-    except (OSError, ValueError, yaml.YAMLError, OmegaConfBaseException) as error:
+        metrics = parse_json(read_text(folder / METRICS_FILE), METRICS_FILE)
+        with naming(SETTINGS_FILE, "the settings of a run"):
+            config = _read_settings(folder / SETTINGS_FILE)
+        with naming(PER_HAND_FILE, "errors of single hands"):
+            per_hand = _read_per_hand(folder / PER_HAND_FILE)
+    except (OSError, ValueError, TypeError, OmegaConfBaseException) as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
         return LeftOut(folder, f"unreadable: {reason[0]}")
     if not isinstance(metrics, dict) or not _numbers(metrics.get("test")):
@@ -168,6 +171,8 @@ def _matches(source: Path) -> list[Path]:
 def _read_settings(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
+    # OmegaConf's own reader is for trusted files.
+    parse_yaml(read_text(path), path.name)
     settings = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     if not isinstance(settings, dict):
         raise ValueError(f"{path.name} holds no mapping")

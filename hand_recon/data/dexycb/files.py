@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from jaxtyping import Float
+
+from hand_recon.reading.text import parse_yaml, read_text
 
 SUBJECTS: Final = (
     "20200709-subject-01", "20200813-subject-02", "20200820-subject-03", "20200903-subject-04",
@@ -37,8 +38,6 @@ SIZE: Final = (480, 640)
 
 _SEQUENCE_NAME: Final = re.compile(r"\d{8}_\d{6}")
 
-_LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""Safe YAML loader; libyaml's is ten times as fast, and a thousand files are read at every start."""
 
 _SHORT: Final = reprlib.Repr()
 """Abbreviates values for messages, to two levels of nested lists."""
@@ -191,14 +190,16 @@ def _read_grasp(folder: Path, subject: int, index: int) -> Grasp:
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)  # noqa: S506  # safe ones both
+        content = parse_yaml(read_text(path, "utf-8"), path)
     except FileNotFoundError as error:
         raise FileNotFoundError(
             f"No {path}. It is part of DexYCB: unpack "
             f"{'calibration.tar.gz' if 'calibration' in path.parts else 'the archive of its subject'} again."
         ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not YAML ({error}); unpack its archive again.") from error
+    except ValueError as error:
+        raise ValueError(
+            f"{path} is not YAML ({error.__cause__ or error}); unpack its archive again."
+        ) from error
     if not isinstance(content, dict):
         # An alias makes a list of a few bytes endless to write out.
         shown = _SHORT.repr(content)

@@ -6,7 +6,6 @@ taken as it is: no half pixel is added, although the camera's maker counts pixel
 
 import io
 import logging
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from hand_recon.data.dexycb.listing import FrameFiles, Task, digest_files, tasks
 from hand_recon.data.dexycb.splits import Frames
 from hand_recon.data.processes import single_threaded_processes
 from hand_recon.data.progress import with_progress
+from hand_recon.reading.archives import load_arrays
 
 logger = logging.getLogger(__name__)
 
@@ -207,13 +207,12 @@ def _read_label(path: Path) -> dict[str, np.ndarray]:
     """
     try:
         # Read at once: a zip file is otherwise read in a dozen pieces, which is slow over a network.
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-            label = {column: np.asarray(archive[column]) for column in SHAPES}
+        label = load_arrays(io.BytesIO(path.read_bytes()), path, SHAPES)
     except FileNotFoundError as error:
         raise FileNotFoundError(
             f"No {path}, although meta.yml counts it. Unpack the archive of its subject again."
         ) from error
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(
             f"{path} cannot be read as DexYCB's labels ({error}). Unpack the archive of its subject again."
         ) from error

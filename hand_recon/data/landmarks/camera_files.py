@@ -12,11 +12,14 @@ from hand_recon.data.landmarks.camera_formats import (
     CameraEntry,
     entries_of_colmap,
     entries_of_json,
-    entries_of_xml,
     entries_of_yaml,
     is_colmap,
 )
+from hand_recon.data.landmarks.camera_xml import entries_of_xml
 from hand_recon.data.landmarks.refusal import refuse
+from hand_recon.reading.archives import load_array
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import read_bytes, read_text
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ def read_camera_file(path: Path, hands: int | None) -> CameraFile:
         raise FileNotFoundError(
             f"No camera matrices at {path}. Leave intrinsics out if the camera is unknown."
         )
-    entries = _entries(path)
-    cameras = [to_camera_matrices(path, entry.matrix) for entry in entries]
+    with naming(path, "camera matrices"):
+        entries = _entries(path)
+        cameras = [to_camera_matrices(path, entry.matrix) for entry in entries]
     count = sum(map(len, cameras))
     if hands is not None and count not in (1, hands):
         raise ValueError(
@@ -139,10 +143,7 @@ def _entries(path: Path) -> list[CameraEntry]:
 
 
 def _array(path: Path) -> np.ndarray:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, EOFError) as error:
-        raise ValueError(f"{path} is no complete .npy file of numbers ({error}).") from error
+    return load_array(read_bytes(path), path)
 
 
 def _from_text(path: Path, text: str) -> Float[np.ndarray, "camera 3 3"]:
@@ -160,6 +161,8 @@ def _from_text(path: Path, text: str) -> Float[np.ndarray, "camera 3 3"]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is neither text nor a .npy file ({error}).") from error
+        return read_text(path)
+    except ValueError as error:
+        if not isinstance(error.__cause__, UnicodeDecodeError):
+            raise
+        raise ValueError(f"{path} is neither text nor a .npy file ({error.__cause__}).") from error

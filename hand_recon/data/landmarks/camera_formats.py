@@ -3,16 +3,15 @@
 Each becomes one or more `CameraEntry`: a 3 × 3 matrix, its distortion and the size of its image.
 """
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
-import yaml
+
+from hand_recon.reading.text import parse_json, parse_yaml
 
 MATRIX_KEYS: Final = (
     "K", "intrinsics", "camera_matrix", "cameraMatrix", "CameraMatrix", "intrinsic_matrix", "intrinsic",
@@ -78,11 +77,7 @@ def entries_of_json(path: Path, text: str) -> list[CameraEntry]:
     Raises:
         ValueError: It is not JSON, or holds something else.
     """
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not complete JSON ({error}).") from error
-    return _entries(path, content)
+    return entries_of(path, parse_json(text, path))
 
 
 def entries_of_yaml(path: Path, text: str) -> list[CameraEntry]:
@@ -92,30 +87,7 @@ def entries_of_yaml(path: Path, text: str) -> list[CameraEntry]:
         ValueError: It is not YAML, or holds something else.
     """
     plain = re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE).replace("!!opencv-matrix", "")
-    try:
-        content = yaml.safe_load(plain)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f"{path} is not complete YAML ({error}).") from error
-    return _entries(path, content)
-
-
-def entries_of_xml(path: Path, text: str) -> list[CameraEntry]:
-    """Camera of OpenCV's XML.
-
-    Raises:
-        ValueError: It is not complete, or has no camera matrix.
-    """
-    try:
-        storage = cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
-        keys = (*MATRIX_KEYS, *DISTORTION_KEYS)
-        nodes = {key: storage.getNode(key) for key in keys}
-        found = {key: node.mat().tolist() for key, node in nodes.items() if node.isMap()}
-        for key in ("image_width", "image_height"):
-            if storage.getNode(key).isReal() or storage.getNode(key).isInt():
-                found[key] = storage.getNode(key).real()
-    except (cv2.error, SystemError, AttributeError) as error:
-        raise ValueError(f"{path} is not complete XML of OpenCV ({error}).") from error
-    return _entries(path, found)
+    return entries_of(path, parse_yaml(plain, path))
 
 
 def entries_of_colmap(path: Path, text: str) -> list[CameraEntry]:
@@ -143,7 +115,7 @@ def entries_of_colmap(path: Path, text: str) -> list[CameraEntry]:
             )
         parameters = dict(zip(names, values[2:], strict=True))
         camera = {"w": values[0], "h": values[1], "model": words[1].lower(), **parameters}
-        entries += _entries(path, camera)
+        entries += entries_of(path, camera)
     return entries
 
 
@@ -153,8 +125,16 @@ def is_colmap(text: str) -> bool:
     return any(len(words) > 3 and re.fullmatch(r"[A-Z_]+", words[1]) for words in lines)
 
 
-def _entries(path: Path, content: Any) -> list[CameraEntry]:  # noqa: ANN401  # any JSON
-    """Cameras of parsed JSON or YAML: matrices alone, one object, a list or an object of objects."""
+def entries_of(path: Path, content: Any) -> list[CameraEntry]:  # noqa: ANN401  # any JSON
+    """Cameras of parsed JSON or YAML: matrices alone, one object, a list or an object of objects.
+
+    Args:
+        path: Their file, for messages.
+        content: The parsed value.
+
+    Raises:
+        ValueError: It holds something else.
+    """
     if isinstance(content, list):
         if content and all(isinstance(entry, dict) for entry in content):
             return [_entry(path, entry) for entry in content]

@@ -30,7 +30,6 @@ that are shares of the image's size are multiplied by it where it is known (deci
 """
 
 import dataclasses
-import io
 import logging
 import os
 from pathlib import Path
@@ -56,6 +55,9 @@ from hand_recon.data.landmarks.json_lists import objects_in, parse_objects, pars
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
 from hand_recon.data.landmarks.points_in_space import refuse_points_in_space
 from hand_recon.data.landmarks.refusal import refuse
+from hand_recon.reading.archives import load_array
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import read_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -86,10 +88,8 @@ def read_landmarks(
     assumed = assumed or Assumptions()
     if path.is_dir() and assumed.images is None:
         assumed = dataclasses.replace(assumed, images=path)
-    try:
+    with naming(path, "landmarks of hands"):
         parsed = parse_folder(path, parse_file) if path.is_dir() else parse_file(path)
-    except RecursionError as error:
-        raise ValueError(f"{path} is nested too deeply to be a file of landmarks.") from error
     if len(parsed.points):
         _refuse_huge(path, parsed)
         refuse_points_in_space(path, parsed.points, parsed.third_value)
@@ -120,7 +120,7 @@ def parse_file(path: Path) -> ParsedHands:
         raise FileNotFoundError(
             f"No landmarks at {path}. Give a JSON list of hands of 21 points [u, v], COCO keypoints or CSV."
         )
-    content = path.read_bytes()
+    content = read_bytes(path)
     if is_pose_file(content):
         return parse_pose_file(path, content)
     if content.startswith(b"\x93NUMPY"):
@@ -177,10 +177,7 @@ def _objects_of_frames(content: object) -> list[dict[str, Any]]:
 
 
 def _parse_array(path: Path, content: bytes) -> ParsedHands:
-    try:
-        array = np.load(io.BytesIO(content), allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise ValueError(f"{path} is not a whole .npy file ({error}). Write it again.") from error
+    array = load_array(content, path)
     shape = array.shape[-2:] if array.ndim in {2, 3} else ()
     if array.dtype.kind not in "fiu" or shape not in {(21, 2), (21, 3)}:
         found = " × ".join(map(str, array.shape))
@@ -188,7 +185,7 @@ def _parse_array(path: Path, content: bytes) -> ParsedHands:
             f"{path} holds {found} values of type {array.dtype}; expected numbers, hands × 21 × 2 or 3."
         )
     numbers = array.reshape(-1, *shape).astype(np.float64)
-    third = numbers[..., 2] if shape[1] == 3 else None
+    third = numbers[..., 2] if numbers.shape[-1] == 3 else None
     return ParsedHands(points=numbers[..., :2], third_value=third)
 
 

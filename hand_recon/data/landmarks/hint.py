@@ -6,7 +6,6 @@ occlusion: 21}`, in FreiHAND's order, occlusion 1 for a keypoint that is labelle
 archive has folders named `TRAIN_…`, `VAL_…` and `TEST_…`; those of Ego4D come without their images.
 """
 
-import json
 import logging
 import re
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ import numpy as np
 
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.data.landmarks.parsed import Assumptions, ParsedHands, to_image_landmarks
+from hand_recon.reading.text import parse_json, read_text
 
 logger = logging.getLogger(__name__)
 
@@ -104,10 +104,7 @@ def _parsed(pairs: Sequence[tuple[Path, Path]]) -> ParsedHands:
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except ValueError as error:
-        raise ValueError(f"{path} is not complete JSON ({error}).") from error
+    content = parse_json(read_text(path), path)
     entries = content if isinstance(content, list) else [content]
     for entry in entries:
         if not isinstance(entry, dict) or "keypoints" not in entry:

@@ -1,12 +1,13 @@
 """Sizes and EXIF orientations of image files (decision 58)."""
 
+import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 ORIENTATION = 0x0112
 """EXIF's tag of the orientation: 1 upright, 3, 6 and 8 rotated, the others mirrored."""
@@ -19,10 +20,13 @@ def stored_size(path: Path) -> tuple[int, int, int] | None:
     The pixels are not decoded. None if there is no such file or it is no image.
     """
     try:
-        with Image.open(path) as image:
-            orientation = image.getexif().get(ORIENTATION, 1)
-            width, height = image.size
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError):
+        with warnings.catch_warnings():
+            # Nothing is decoded, so that the number of pixels is of no account.
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                orientation = image.getexif().get(ORIENTATION, 1)
+                width, height = image.size
+    except Exception:  # noqa: BLE001  # a damaged image raises anything
         return None
     return width, height, orientation if orientation in range(1, 9) else 1
 

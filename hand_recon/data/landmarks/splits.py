@@ -131,23 +131,24 @@ class LandmarkSplits:
                     "No test landmarks: testing on %d held-out hands of %s.",
                     len(self._shares["test"]), recipe.train,
                 )  # fmt: skip
-            every = np.arange(len(self._training))
-            return AnnotatedImages(self._training, self._shares[split], cut, cached_rows=every)
+            every = np.arange(len(self.training_table))
+            return AnnotatedImages(self.training_table, self._shares[split], cut, cached_rows=every)
         table = self._read(source, split)
-        if "_training" in vars(self):
+        if "training_table" in vars(self):
             # Only if the training images are read already: a test alone does not need them.
             self._warn_of_shared_images(table, split)
         return AnnotatedImages(table, recipe=cut)
 
     @cached_property
-    def _training(self) -> AnnotatedHands:
+    def training_table(self) -> AnnotatedHands:
+        """All hands of the training images, before some are held out."""
         return self._read(Path(self.recipe.train).expanduser().absolute(), "train")
 
     @cached_property
     def _shares(self) -> dict[str, Int[np.ndarray, " row"]]:
         """Rows of the training table for each split without a file; all hands of an image stay together."""
         recipe = self.recipe
-        scenes, of_row = np.unique(_scenes(self._training), return_inverse=True)
+        scenes, of_row = np.unique(scenes_of(self.training_table), return_inverse=True)
         held_out = [split for split in ("val", "test") if recipe.source(split) is None]
         count = max(1, round(recipe.val_fraction * len(scenes)))
         if len(scenes) <= count * len(held_out):
@@ -180,7 +181,7 @@ class LandmarkSplits:
         return annotate(landmarks, root, recipe.crop.around, recipe.min_side)
 
     def _warn_of_shared_images(self, table: AnnotatedHands, split: str) -> None:
-        shared = set(_scenes(table)) & set(_scenes(self._training))
+        shared = set(scenes_of(table)) & set(scenes_of(self.training_table))
         if shared:
             logger.warning(
                 "%d of the %s images are training images too, so that its scores are too good; the "
@@ -189,5 +190,6 @@ class LandmarkSplits:
             )  # fmt: skip
 
 
-def _scenes(table: AnnotatedHands) -> list[str]:
+def scenes_of(table: AnnotatedHands) -> list[str]:
+    """Names of the images of a table's rows that must stay in one split (`scene`)."""
     return [scene(table.images[row]) for row in range(len(table))]

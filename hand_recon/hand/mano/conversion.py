@@ -26,6 +26,7 @@ from hand_recon.hand.mano.store import (
     write_mano,
 )
 from hand_recon.hand.skeleton import PARENTS
+from hand_recon.reading.archives import opened_zip
 
 WANTED: Final = "mano_v1_2.zip, or MANO_RIGHT.pkl and MANO_LEFT.pkl from the models folder in it"
 
@@ -161,7 +162,7 @@ def _pickles_of(source: Path) -> Iterator[tuple[str, bytes]]:
             raise ValueError(f"{source} is larger than any MANO file. Expected {WANTED}.")
         yield str(source), source.read_bytes()
         return
-    with zipfile.ZipFile(source) as archive:
+    with opened_zip(source, source) as archive:
         entries = archive.infolist()
         if entries and all(entry.filename.endswith(".npy") for entry in entries):
             raise ValueError(

@@ -3,8 +3,6 @@
 Arrays alone are read. An array of objects is a pickle, which may run code, and is refused.
 """
 
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +15,8 @@ from torch import Tensor
 from hand_recon.data.dexycb.labels import MISSING
 from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
+from hand_recon.reading.archives import load_array, load_arrays
+from hand_recon.reading.text import read_bytes
 from hand_recon.runs.audit.mano import ManoReader, mano_pose
 
 POINTS: Final = (
@@ -43,8 +43,6 @@ SHAPES: Final = ("betas", "init_betas", "pred_betas", "mano_shape", "handBeta", 
 ROTATIONS: Final = ("global_orient", "root_orient", "init_root_orient", "pred_global_orient", "rot")
 """Names of the rotation of the whole hand."""
 
-_UNREADABLE: Final = (EOFError, zipfile.BadZipFile, zlib.error)
-
 RIGHT: Final = ("is_right", "right")
 """Names of the side: 1 for right hands, 0 for left ones."""
 
@@ -59,11 +57,9 @@ def read_npy(path: Path) -> GivenHands:
         ValueError: It holds objects, or an array of another shape.
     """
     try:
-        array = np.load(path, allow_pickle=False)
-    except _UNREADABLE as error:
-        raise ValueError(_damage(path, error)) from error
+        array = load_array(read_bytes(path), path)
     except ValueError as error:
-        raise ValueError(_refusal(path, "it", error)) from error
+        raise ValueError(_refusal(path, error)) from error
     return _of_points(path, "", array, {})
 
 
@@ -110,27 +106,16 @@ def of_arrays(path: Path, arrays: Mapping[str, np.ndarray], mano: ManoReader | N
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    found = {}
-    key = "it"
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            for key in archive.files:
-                found[key] = archive[key]
-    except _UNREADABLE as error:
-        raise ValueError(_damage(path, error)) from error
+        return load_arrays(path, path)
     except ValueError as error:
-        raise ValueError(_refusal(path, key, error)) from error
-    return found
+        raise ValueError(_refusal(path, error)) from error
 
 
-def _damage(path: Path, error: Exception) -> str:
-    return f"{path} is empty or damaged ({error}); expected arrays of NumPy. Write the file again."
-
-
-def _refusal(path: Path, key: str, error: ValueError) -> str:
+def _refusal(path: Path, error: ValueError) -> str:
     return (
-        f"{path}: {key} is not an array of numbers ({error}). Arrays of objects are pickles, which may run "
-        "code, and are not read: save the numbers with numpy.savez, one array for each of them."
+        f"{path} is empty or damaged ({error}); expected arrays of NumPy. Arrays of objects are pickles, "
+        "which may run code, and are not read: save the numbers with numpy.savez, one array for each of them."
     )
 
 

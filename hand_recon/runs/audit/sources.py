@@ -12,6 +12,7 @@ from hand_recon.fitting.hand_records import HandRecords
 from hand_recon.fitting.hands_file import read_hands
 from hand_recon.hand.model import HandModel
 from hand_recon.plausibility.given_hands import GivenCamera, GivenHands, joined_hands, of_points
+from hand_recon.reading.naming import naming
 from hand_recon.runs.audit.arrays import read_npy, read_npz
 from hand_recon.runs.audit.mano import ManoReader
 from hand_recon.runs.audit.metas import read_meta_hand
@@ -59,7 +60,10 @@ def read_given(
         ValueError: A file has another form; the message says what was found.
     """
     reader = None if mano is None else ManoReader(hand, mano)
-    parts = [_read(path, reader, reading.fps) for path in _files(names)]
+    parts = []
+    for path in _files(names):
+        with naming(path, "3D hands"):
+            parts.append(_read(path, reader, reading.fps))
     return _in_sequences(joined_hands(parts), reading)
 
 

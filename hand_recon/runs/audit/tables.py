@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
+from hand_recon.reading.text import read_text
 
 _MISSING: Final = frozenset({"", "nan", "na", "null", "none"})
 _LEADING: Final = 8
@@ -56,10 +57,12 @@ def read_table(path: Path) -> GivenHands:
 
 def _rows(path: Path) -> list[list[str]]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
+        text = read_text(path)
+    except ValueError as error:
+        if not isinstance(error.__cause__, UnicodeDecodeError):
+            raise
         # Names in another code page; numbers are the same in all of these.
-        text = path.read_text(encoding="latin-1")
+        text = read_text(path, "latin-1")
     first = next((line for line in text.splitlines() if line.strip()), "")
     # Numbers may have decimal commas where semicolons or tabs are between them.
     separator = next((one for one in ";\t" if one in first), ",")

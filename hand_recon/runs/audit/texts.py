@@ -1,6 +1,5 @@
 """Hands in JSON and text: 3D landmarks of datasets, of predictions and of headsets."""
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +13,7 @@ from hand_recon.plausibility.given_hands import GivenHands, of_points
 from hand_recon.plausibility.joint_orders import COUNTS, to_landmarks
 from hand_recon.protocols.benchmarks import protocol_named
 from hand_recon.protocols.prediction_files import read_predictions
+from hand_recon.reading.text import parse_json, read_text
 from hand_recon.runs.audit.arrays import POSES, of_arrays
 from hand_recon.runs.audit.mano import ManoReader, mano_pose
 
@@ -63,10 +63,10 @@ def read_json(path: Path, mano: ManoReader | None) -> GivenHands:
     if head.startswith("[["):
         return _lists(path, head, mano)
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = parse_json(read_text(path), path)
     except ValueError as error:
         raise ValueError(
-            f"{path} is not JSON ({error}); expected hands. Write the file again."
+            f"{path} is not JSON ({error.__cause__ or error}); expected hands. Write the file again."
         ) from error
     if isinstance(content, dict) and any(name in content for name in POSES):
         return of_arrays(path, _named_arrays(path, content), mano)
@@ -99,7 +99,7 @@ def _lists(path: Path, head: str, mano: ManoReader | None) -> GivenHands:
     points = head[depth:].partition("]]")[0].count("],[") + 1
     one = depth == 2 and first == 3 and points in COUNTS
     if one or (depth == 3 and points in COUNTS[1:]):
-        found = _points(path, json.loads(path.read_text(encoding="utf-8-sig")))
+        found = _points(path, parse_json(read_text(path), path))
         return of_points(found.reshape(-1, 21, 3), str(path))
     return _predictions(path)
 
@@ -130,7 +130,12 @@ def _freihand_mano(path: Path, mano: ManoReader | None) -> GivenHands:
             f"{path} holds MANO's parameters. Give hand=mano with your own MANO (data/README.md), or the "
             "training_xyz.json beside it."
         )
-    labels = torch.tensor(json.loads(path.read_text())).reshape(-1, _MANO_NUMBERS)
+    try:
+        labels = torch.tensor(parse_json(read_text(path), path)).reshape(-1, _MANO_NUMBERS)
+    except (TypeError, RuntimeError) as error:
+        raise ValueError(
+            f"{path} holds something else than {_MANO_NUMBERS} numbers of MANO for every hand ({error})."
+        ) from error
     rotation, residual, shape = labels[:, :3], labels[:, 3:48], labels[:, 48:58]
     found = mano_pose(mano.from_mean(residual), shape, rotation)
     sides = ["right"] * len(labels)

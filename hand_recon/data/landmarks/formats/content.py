@@ -5,6 +5,8 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
+from hand_recon.reading.text import parse_json
+
 _DEEPLABCUT_CURE: Final = (
     "If it is DeepLabCut's, write it as CSV: pandas.read_hdf(file).to_csv(name), or analyse with "
     "save_as_csv=True."
@@ -74,19 +76,19 @@ def to_json(path: Path, text: str) -> tuple[Any, bool]:
         ValueError: It is neither, or nested too deeply.
     """
     try:
-        return json.loads(text), False
-    except RecursionError as error:
-        raise ValueError(f"{path} is JSON nested too deeply to be a file of landmarks.") from error
+        return parse_json(text, path), False
     except ValueError as error:
+        if not isinstance(error.__cause__, json.JSONDecodeError):
+            raise
         lines = [line for line in text.split("\n") if line.strip()]
         try:
             # Of a file that is cut off, the first line alone is not JSON either.
-            values = [json.loads(line) for line in lines] if len(lines) > 1 else []
-        except (ValueError, RecursionError):
+            values = [parse_json(line, path) for line in lines] if len(lines) > 1 else []
+        except ValueError:
             values = []
         if values:
             return values, True
         raise ValueError(
-            f"{path} is not complete JSON ({error}). It may be cut off: write or copy it again. JSON lines "
-            "hold one object or list on each line."
+            f"{path} is not complete JSON ({error.__cause__}). It may be cut off: write or copy it again. "
+            "JSON lines hold one object or list on each line."
         ) from error

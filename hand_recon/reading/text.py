@@ -1,0 +1,133 @@
+"""Text, JSON and YAML from elsewhere, within limits."""
+
+import io
+import json
+import re
+from collections import Counter
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from hand_recon.reading.limits import LIMITS, too_large
+from hand_recon.reading.naming import naming
+
+LONGEST_NUMBER: Final = 308
+"""Digits of a whole number; no double has more."""
+
+_LONG_NUMBER: Final = re.compile(rf"(?<![\d.eE+-])-?\d{{{LONGEST_NUMBER + 1}}}")
+_FLAT: Final = 2000
+"""Levels that libyaml can parse: it recurses in C, and 100,000 levels end the process."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file as a whole.
+
+    Raises:
+        OSError: It cannot be opened.
+        ValueError: It is larger than `text_bytes` of `LIMITS`.
+    """
+    size = path.stat().st_size
+    if size > LIMITS.text_bytes:
+        raise ValueError(too_large(path, size, "text_bytes", "bytes"))
+    return path.read_bytes()
+
+
+def read_text(path: Path, encoding: str = "utf-8-sig") -> str:
+    """Read a file of text.
+
+    Raises:
+        OSError: It cannot be opened.
+        ValueError: It is not text, or larger than `text_bytes` of `LIMITS`.
+    """
+    content = read_bytes(path)
+    with naming(path, "text in UTF-8"):
+        # Ends of lines as Python's text files have them.
+        return io.TextIOWrapper(io.BytesIO(content), encoding=encoding).read()
+
+
+def parse_json(text: str, path: object, constant: Callable[[str], object] | None = None) -> Any:  # noqa: ANN401  # any JSON
+    """Value of a JSON text.
+
+    Args:
+        text: The text.
+        path: Its file, for messages.
+        constant: Function that is called for NaN and infinities; they are numbers without it.
+
+    Raises:
+        ValueError: It is no JSON, nested too deeply, or has a whole number that no double can hold.
+    """
+    if _LONG_NUMBER.search(text):
+        raise ValueError(
+            f"{path} has a whole number of more than {LONGEST_NUMBER} digits; expected numbers that a double "
+            "can hold. Write the file again."
+        )
+    with naming(path, "complete JSON"):
+        return json.loads(text, parse_constant=constant)
+
+
+def parse_yaml(text: str, path: object) -> Any:  # noqa: ANN401  # any YAML
+    """Value of a YAML text: plain data only, each key once.
+
+    Args:
+        text: The text.
+        path: Its file, for messages.
+
+    Raises:
+        ValueError: It is no YAML, has a key twice, or references that make it larger than `yaml_values` of
+            `LIMITS` or endless.
+    """
+    with naming(path, "complete YAML"):
+        content = yaml.load(text, Loader=_loader(text))  # noqa: S506  # safe ones both
+        values = _values(content, {})
+    if values > LIMITS.yaml_values:
+        raise ValueError(too_large(path, values, "yaml_values", "values, references included"))
+    return content
+
+
+def _loader(text: str) -> Any:  # noqa: ANN401  # PyYAML has no types
+    """The fast loader for text that cannot be nested deeply, else the one that raises RecursionError."""
+    # Every level takes a bracket, or a column of its line.
+    levels = text.count("[") + text.count("{") + max(map(len, text.splitlines()), default=0)
+    return _FastLoader if levels < _FLAT else _SafeLoader
+
+
+class _EachKeyOnce:
+    """Constructor that refuses a mapping with a key twice, of which PyYAML would take the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        constructor: Any = self
+        keys = [constructor.construct_object(key, deep=True) for key, _ in node.value]
+        counts = Counter(key for key in keys if isinstance(key, Hashable))
+        twice = [key for key, count in counts.items() if count > 1]
+        if twice:
+            raise ValueError(f"the key {twice[0]!r:.60} is there twice,{node.start_mark}")
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)  # type: ignore[misc]
+        return mapping
+
+
+class _SafeLoader(_EachKeyOnce, yaml.SafeLoader):  # type: ignore[misc]
+    """PyYAML's own safe loader."""
+
+
+class _FastLoader(_EachKeyOnce, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Safe loader of libyaml, where it is there."""
+
+
+def _values(value: object, known: dict[int, int]) -> int:
+    """Number of values in a value, each counted as often as it is referred to.
+
+    Raises:
+        ValueError: A value holds itself.
+    """
+    if not isinstance(value, dict | list | tuple | set):
+        return 1
+    if id(value) not in known:
+        # Marks what is being counted.
+        known[id(value)] = 0
+        inside = [*value, *value.values()] if isinstance(value, dict) else list(value)
+        known[id(value)] = 1 + sum(_values(one, known) for one in inside)
+    elif known[id(value)] == 0:
+        raise ValueError("a value in it holds itself")
+    return known[id(value)]
