@@ -1,10 +1,11 @@
-"""Prepare what is licensed, large, slow or doubtful: MANO, the hand detector, caches, labels.
+"""Prepare what is licensed, large, slow or doubtful: MANO, the hand detector, caches, labels, shards.
 
 hand-recon prepare mano mano_v1_2.zip [folder=data/mano]
 hand-recon prepare detector [hand_landmarker.task]
 hand-recon prepare cache data=freihand data.root=/path/to/FreiHAND_pub_v2
 hand-recon prepare check data=freihand data.root=/path/to/FreiHAND_pub_v2
 hand-recon prepare labels my_photos [output=my_labels] [export=cvat]
+hand-recon prepare shards labels=my_labels/labels.json images=my_photos output=my_shards
 """
 
 import sys
@@ -17,6 +18,7 @@ CONFIGURATIONS: Final = {
     "mano": "prepare_mano",
     "detector": "prepare_detector",
     "labels": "prepare_labels",
+    "shards": "prepare_shards",
 }
 """Tasks that have a configuration of their own."""
 

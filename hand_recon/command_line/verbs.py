@@ -115,8 +115,8 @@ VERBS: Final = {
             "prepare", DATA, "label photographs, fetch the detector, convert MANO, fill caches, check labels",
             "hand_recon.runs.preparation:prepare", ("task", "source"),
             (
-                "folder", "images", "output", "detector.landmarks", "detector.boxes", "detector.models",
-                *DATA_PATHS,
+                "folder", "images", "labels", "fields", "output", "detector.landmarks", "detector.boxes",
+                "detector.models", *DATA_PATHS,
             ),
         ),
     )

@@ -31,6 +31,7 @@ TRUSTED: Final = frozenset(
         "hand_recon.data.ho3d.datamodule.Ho3dDataModule",
         "hand_recon.data.landmarks.datamodule.LandmarkDataModule",
         "hand_recon.data.mixture.MixtureDataModule",
+        "hand_recon.data.shards.datamodule.ShardDataModule",
         "hand_recon.data.synthetic.datamodule.SyntheticDataModule",
         "hand_recon.detection.boxes.BoxDetector",
         "hand_recon.detection.boxes.WholeImageDetector",

@@ -1,4 +1,4 @@
-"""Converts MANO, fetches the hand detector, fills caches, checks labels, and makes those of photographs."""
+"""Converts MANO, fetches the detector, fills caches, checks labels, writes labels and shards."""
 
 import json
 import logging
@@ -24,6 +24,7 @@ from hand_recon.inspection.ranges import examine_poses
 from hand_recon.runs.building import build_data
 from hand_recon.runs.configuration import build_hand, check_extra, claim_folder
 from hand_recon.runs.labelling.label_run import label_images
+from hand_recon.runs.shard_run import prepare_shards
 
 logger = logging.getLogger(__name__)
 
@@ -39,14 +40,15 @@ def prepare(config: DictConfig) -> Any:  # noqa: ANN401  # each task's own resul
     """
     tasks = {
         "mano": mano, "detector": detector, "cache": cache, "check": check, "labels": label_images,
+        "shards": prepare_shards,
     }  # fmt: skip
     name = None if OmegaConf.is_missing(config, "task") else str(config.task)
     if name not in tasks:
         raise ValueError(
             f"{'No task was given' if name is None else f'Unknown task {name!r}'}: type hand-recon prepare "
-            "with mano, detector, cache, check or labels."
+            "with mano, detector, cache, check, labels or shards."
         )
-    if name not in ("mano", "detector", "labels") and config.source is not None:
+    if name not in ("mano", "detector", "labels", "shards") and config.source is not None:
         raise ValueError(
             f"prepare {name} takes no file, found {config.source!r}. Name the data as options, for example "
             f"hand-recon prepare {name} data=freihand data.root=<folder>."

@@ -1,0 +1,63 @@
+"""Lightning datamodule of images with 2D landmarks in shards (decision 98)."""
+
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor
+from torch.utils.data import DataLoader
+
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.image_datamodule import ImageDataModule
+from hand_recon.data.shards.dataset import ShardedImages
+from hand_recon.data.shards.order import Mixing, ShardShuffle
+from hand_recon.data.shards.splits import ShardRecipe, ShardSplits
+from hand_recon.schema import HandSample
+
+
+class ShardDataModule(ImageDataModule):
+    """Images with 2D landmarks in shards, local or behind a URL; without 3D, so scores are 2D only.
+
+    With `order=all` a training sees the batches that it would see with the image files, bit for bit.
+    """
+
+    name = "landmarks"
+    landmark_set = "knuckle"
+    recipe_type = ShardRecipe
+    default_crop = CropPolicy(around="joints")
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
+        """Store the settings; files are read on first use.
+
+        Args:
+            **options: Those of `ImageDataModule`, and fields of `ShardRecipe`.
+        """
+        super().__init__(**options)
+        self._splits = ShardSplits(self.recipe)
+
+    def train_dataloader(self) -> DataLoader[HandSample]:
+        """Shuffled batches of equal size; fewer samples than one batch make a smaller batch."""
+        dataset = self.dataset("train")
+        if self.recipe.order != "shards" or not isinstance(dataset, ShardedImages):
+            return super().train_dataloader()
+        processes = self.trainer.world_size if self.trainer is not None else 1
+        mixing = Mixing(
+            self.recipe.shards_at_once, self.recipe.streams or processes, self.batch_size
+        )
+        return self._training_loader(ShardShuffle(dataset.starts(), self.seed, mixing))
+
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """The dataset of a split, which has no surfaces."""
+        return self.dataset(split)
+
+    def train_ground_truth(
+        self, limit: int | None = None
+    ) -> (
+        tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
+    ):
+        """None: shards have no 3D ground truth, so no image is read."""
+        del limit
+        return None
+
+    def _split(self, split: str) -> HandDataset:
+        return self._splits.dataset(split)

@@ -1,0 +1,77 @@
+"""Index of a shard: the place of each hand's image and labels in the tar file, as an array (decision 98).
+
+A hand's record is one range of bytes: its labels, the image's header and the image. No name inside the tar
+file is looked at, so that none can lead elsewhere.
+"""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+BLOCK: Final = 512
+"""Bytes of a tar file's header, of which members are multiples."""
+
+INDEX: Final = np.dtype(
+    [
+        ("offset", "<u8"),
+        ("labels", "<u4"),
+        ("image", "<u4"),
+        ("sum", "<u4"),
+        ("group", "<u4"),
+        ("hand", "<u2"),
+    ]
+)
+"""A row per hand: first byte of the record, bytes of labels and image, CRC-32 of the record, number of the
+group of images that stay in one split, and number of the hand in its image."""
+
+LARGEST_LABELS: Final = 1 << 20
+"""Most bytes of the labels of one image."""
+
+LARGEST_IMAGE: Final = 1 << 26
+"""Most bytes of one image: 64 MiB."""
+
+
+def padded(size: int) -> int:
+    """Bytes that a member of some size takes in a tar file, without its header."""
+    return -(-size // BLOCK) * BLOCK
+
+
+def record_size(row: Any) -> int:  # noqa: ANN401  # a row or all rows of an index
+    """Bytes of the record of a row of an index."""
+    return padded(int(row["labels"])) + BLOCK + int(row["image"])
+
+
+def open_index(path: Path, hands: int, shard_bytes: int) -> np.ndarray:
+    """Map an index into memory and check that its records lie inside the shard.
+
+    Args:
+        path: The file.
+        hands: Number of hands that it must have.
+        shard_bytes: Size of the tar file.
+
+    Raises:
+        ValueError: It is no index of this shard.
+    """
+    try:
+        index = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise ValueError(f"{path} is no index of a shard ({error}). {CURE}") from error
+    if index.dtype != INDEX or index.shape != (hands,):
+        raise ValueError(
+            f"{path} holds {index.shape} rows of {index.dtype}; expected {hands} hands of {INDEX}. {CURE}"
+        )
+    labels, image = index["labels"].astype(np.uint64), index["image"].astype(np.uint64)
+    ends = index["offset"] + (labels + (BLOCK - 1)) // BLOCK * BLOCK + BLOCK + image
+    inside = (index["offset"] <= shard_bytes) & (ends <= shard_bytes)
+    small = (labels <= LARGEST_LABELS) & (image <= LARGEST_IMAGE)
+    if not (inside & small).all():
+        raise ValueError(
+            f"{path} has {int((~(inside & small)).sum())} records beyond the shard's {shard_bytes} bytes, "
+            f"or beyond {LARGEST_IMAGE >> 20} MiB. {CURE}"
+        )
+    return index
+
+
+CURE: Final = "Copy or download the shards again, or make them anew with hand-recon prepare shards."
+"""What to do about a damaged shard."""

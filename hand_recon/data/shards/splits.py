@@ -1,0 +1,208 @@
+"""Opens shards for training, validation and testing; hands of one group are in one split."""
+
+import glob
+import logging
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+from urllib.parse import urljoin, urlsplit
+
+import numpy as np
+from jaxtyping import Int
+
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.crop_reader import ReadingPolicy
+from hand_recon.data.landmarks.splits import AROUND
+from hand_recon.data.shards.dataset import ShardedImages, ShardRows
+from hand_recon.data.shards.manifest import (
+    LARGEST_MANIFEST,
+    MANIFEST,
+    Manifest,
+    manifest_of_folder,
+    read_manifest,
+)
+from hand_recon.data.shards.remote import Web, is_url
+from hand_recon.data.shards.stores import FolderStore, ShardStore, WebStore
+
+logger = logging.getLogger(__name__)
+
+ORDERS: Final = ("all", "shards")
+"""Choices of the order of training hands."""
+
+VERIFY: Final = ("sizes", "sha256")
+"""Choices of what is checked of local shards before they are used."""
+
+Places = Path | str | list[Path | str]
+"""Folders, manifests, URLs or patterns with `*`."""
+
+
+@dataclass(frozen=True)
+class ShardRecipe:
+    """Settings of a dataset of shards.
+
+    Raises:
+        ValueError: An option has an unknown value.
+    """
+
+    train: Places
+    """Shards to train on."""
+    val: Places | None = None
+    """Shards for validation; None takes a share of the training groups."""
+    test: Places | None = None
+    """Shards for testing; None takes a share of the training groups."""
+    val_fraction: float = 0.1
+    """Share of the training groups for validation where no shards are given; as many again for testing."""
+    split_seed: int = 0
+    """Seed of the split, the same for all seeds of a study."""
+    order: str = "all"
+    """`all` mixes all hands, by reading single records; `shards` mixes those of a few shards."""
+    shards_at_once: int = 4
+    """With `order=shards`: shards whose hands are mixed."""
+    streams: int | None = None
+    """With `order=shards`: processes that read shards of their own; None for all of the training."""
+    cache_gb: float = 20.0
+    """With `order=shards` and a URL: most gigabytes of downloaded shards that are kept."""
+    attempts: int = 5
+    """Attempts for each request to a URL."""
+    verify: str = "sizes"
+    """One of `VERIFY`."""
+    crop: CropPolicy = field(default_factory=lambda: CropPolicy(around="joints"))
+    """Size and position of the crops."""
+    reading: ReadingPolicy = field(default_factory=ReadingPolicy)
+    """Folder of downloaded files and the number of damaged images allowed."""
+
+    def __post_init__(self) -> None:
+        chosen = (("order", self.order, ORDERS), ("verify", self.verify, VERIFY),
+                  ("crop.around", self.crop.around, AROUND))  # fmt: skip
+        for key, value, choices in chosen:
+            if value not in choices:
+                raise ValueError(f"Unknown {key}={value!r}; choose one of {list(choices)}.")
+        if not 0 < self.val_fraction < 0.5:
+            raise ValueError(
+                f"val_fraction={self.val_fraction} must lie between 0 and 0.5, so that images are left to "
+                "train on."
+            )
+        if self.attempts < 1 or self.shards_at_once < 1 or (self.streams or 1) < 1:
+            raise ValueError(
+                f"attempts={self.attempts}, shards_at_once={self.shards_at_once} and streams={self.streams}; "
+                "expected 1 or more."
+            )
+
+
+class ShardSplits:
+    """The datasets of a recipe; shards that several splits share are opened once."""
+
+    def __init__(self, recipe: ShardRecipe) -> None:
+        """Store the recipe; nothing is opened before it is needed."""
+        self.recipe = recipe
+
+    def dataset(self, split: str) -> ShardedImages:
+        """The dataset of a split, built on each call.
+
+        Args:
+            split: `train`, `val` or `test`.
+
+        Raises:
+            FileNotFoundError: There are no shards at a place.
+            ValueError: A manifest or shard is damaged, or there are too few images to share.
+            ConnectionError: A server cannot be reached.
+        """
+        recipe = self.recipe
+        given = {"train": None, "val": recipe.val, "test": recipe.test}[split]
+        if given is not None:
+            return self._dataset(self._open(given), None)
+        if split == "test":
+            logger.warning("No test shards: testing on held-out hands of %s.", recipe.train)
+        held_out = recipe.val is None or recipe.test is None
+        return self._dataset(self._training, self._shares[split] if held_out else None)
+
+    def _dataset(self, rows: ShardRows, chosen: Int[np.ndarray, " row"] | None) -> ShardedImages:
+        recipe = self.recipe
+        around = recipe.crop.around
+        for store in rows.stores if around in ("joints", "box") else ():
+            if store.manifest.around != around:
+                raise ValueError(
+                    f"The boxes of {store.where} are around={store.manifest.around}, and the crops are to be "
+                    f"around={around}. Set data.crop.around={store.manifest.around}, or make the shards with "
+                    f"around={around}."
+                )
+        crop = replace(recipe.crop, around="box" if around == "joints" else around)
+        return ShardedImages(rows, chosen, crop, recipe.reading.max_corrupt)
+
+    @cached_property
+    def _training(self) -> ShardRows:
+        return self._open(self.recipe.train)
+
+    @cached_property
+    def _shares(self) -> dict[str, Int[np.ndarray, " row"]]:
+        """Rows of the training shards for each split without shards of its own, as `LandmarkSplits` draws."""
+        recipe, rows = self.recipe, self._training
+        groups = sum(store.manifest.groups for store in rows.stores)
+        of_row = rows.groups()
+        own = {"val": recipe.val, "test": recipe.test}
+        held_out = [split for split, given in own.items() if given is None]
+        count = max(1, round(recipe.val_fraction * groups))
+        if groups <= count * len(held_out):
+            raise ValueError(
+                f"{recipe.train} has {groups} groups of images, too few to train on and to hold some out for "
+                f"{' and '.join(held_out)}. Give shards as data.val and data.test, or more images."
+            )
+        order = np.random.default_rng(recipe.split_seed).permutation(groups)
+        split_of_group = np.zeros(groups, dtype=np.uint8)
+        for number in range(len(held_out)):
+            split_of_group[order[number * count : (number + 1) * count]] = 1 + number
+        splits = split_of_group[of_row]
+        names = ["train", *held_out]
+        return {name: np.flatnonzero(splits == number) for number, name in enumerate(names)}
+
+    def _open(self, places: Places) -> ShardRows:
+        listed = places if isinstance(places, list) else [places]
+        stores = [store for place in listed for store in self._stores(str(place))]
+        return ShardRows(stores)
+
+    def _stores(self, place: str) -> list[ShardStore]:
+        if is_url(place):
+            return [self._web_store(place)]
+        path = Path(place).expanduser()
+        found = sorted(glob.glob(str(path))) if glob.has_magic(str(path)) else [str(path)]
+        if not found:
+            raise FileNotFoundError(
+                f"Nothing matches {place}; expected folders of shards or their {MANIFEST}."
+            )
+        manifests = [manifest_of_folder(Path(one).absolute()) for one in found]
+        return [
+            FolderStore(
+                path.parent, read_manifest(path.read_bytes(), str(path)), self.recipe.verify
+            )
+            for path in manifests
+        ]
+
+    def _web_store(self, url: str) -> WebStore:
+        recipe = self.recipe
+        if recipe.reading.folder is None:
+            raise ValueError(
+                f"{url}: the indices of shards behind a URL are kept in a folder, and there is none; set "
+                "data.reading.cache_dir."
+            )
+        if not urlsplit(url).path.endswith(".json"):
+            url = urljoin(url if url.endswith("/") else f"{url}/", MANIFEST)
+        web = Web(recipe.attempts)
+        manifest = read_manifest(web.content(url, LARGEST_MANIFEST), url)
+        whole = int(recipe.cache_gb * 1e9) if recipe.order == "shards" else None
+        if whole is not None:
+            _check_cache(url, manifest, whole, recipe.shards_at_once)
+        cache = recipe.reading.folder.parent / "shards"
+        return WebStore(url, manifest, cache, web, whole=whole)
+
+
+def _check_cache(url: str, manifest: Manifest, limit: int, at_once: int) -> None:
+    """Refuse a cache that cannot hold the shards that are mixed, and would download each of them again."""
+    largest = max(shard.tar.bytes for shard in manifest.shards)
+    needed = (at_once + 1) * largest
+    if needed > limit:
+        raise ValueError(
+            f"{url} has shards of up to {largest / 1e9:.2f} GB, {at_once + 1} of which are needed at a "
+            f"time, and cache_gb={limit / 1e9:g}. Set data.cache_gb={np.ceil(needed / 1e9):.0f} or more, or "
+            "a smaller data.shards_at_once."
+        )

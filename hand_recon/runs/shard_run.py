@@ -1,0 +1,234 @@
+"""Writes images and their 2D landmarks into shards (`hand-recon prepare shards`, decision 98)."""
+
+import itertools
+import logging
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from hand_recon import __version__
+from hand_recon.data.annotations import AnnotatedHands
+from hand_recon.data.crop import CropPolicy
+from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits, scenes_of
+from hand_recon.data.progress import with_progress
+from hand_recon.data.shards.encoding import Encoding
+from hand_recon.data.shards.facts import Facts, facts_of, read_facts
+from hand_recon.data.shards.labels import labels_to_json
+from hand_recon.data.shards.manifest import MANIFEST, Manifest, Shard
+from hand_recon.data.shards.writer import ShardImage, write_shard
+from hand_recon.data.whole_files import replaced_when_whole
+from hand_recon.runs.configuration import plain
+from hand_recon.runs.photo_results import appending, read_progress
+from hand_recon.runs.unfinished import claim_or_resume, finish, results_folder, settings_of
+
+logger = logging.getLogger(__name__)
+
+PROGRESS: Final = "progress.jsonl"
+"""Shards that the command has finished; it is removed at the end."""
+
+PRODUCTS: Final = (MANIFEST, PROGRESS, "config.yaml", "shard-00000.tar")
+"""Files of the command; a folder that holds one of them is not written to."""
+
+GROUPS: Final = ("image", "person")
+"""Choices of what stays in one split."""
+
+_AT_ONCE: Final = 64
+"""Images that are encoded before the next ones are begun."""
+
+_MAY_CHANGE: Final = ("workers", "max_damaged", "source", "task")
+"""Options that may differ when an interrupted command goes on."""
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Everything that shards are made of."""
+
+    table: AnnotatedHands
+    rows_of_image: Sequence[Sequence[int]]
+    groups: np.ndarray
+    facts: Facts
+    encoding: Encoding
+
+    def image(self, number: int) -> "ShardImage | str":
+        """An image with its labels; its name if it cannot be read."""
+        rows = self.rows_of_image[number]
+        name = self.table.source(rows[0])
+        encoded = self.encoding.read(self.table.images[rows[0]])
+        if encoded is None:
+            return name
+        labels = labels_to_json(self.table, rows, facts_of(self.facts, name), encoded.scale)
+        groups = self.groups[list(rows)].tolist()
+        return ShardImage(number, encoded.suffix, encoded.content, labels, groups)
+
+
+def prepare_shards(config: DictConfig) -> dict[str, Any]:
+    """`prepare shards labels=<file> images=<folder> output=<folder>`: write shards and their manifest.
+
+    Args:
+        config: `conf/prepare_shards.yaml` composed.
+
+    Returns:
+        Folder and numbers of shards, images and hands, and names of images that cannot be read.
+
+    Raises:
+        ValueError: An option is wrong, no hand is left, or too many images cannot be read.
+        FileExistsError: The folder holds something else.
+    """
+    source = _source(config)
+    folder = results_folder(config)
+    settings = settings_of(config, ("labels", "fields"))
+    for key in _MAY_CHANGE:
+        settings["options"].pop(key, None)
+    settings["data"] = source.table.fingerprint
+    claim_or_resume(folder, PRODUCTS, settings)
+    OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
+    shards, damaged = _write_all(config, source, folder)
+    manifest = _manifest(config, source, shards, damaged)
+    with replaced_when_whole(folder / MANIFEST) as unfinished:
+        unfinished.write_text(manifest.to_json(), encoding="utf-8")
+    (folder / PROGRESS).unlink()
+    finish(folder)
+    return _summary(folder, manifest, damaged)
+
+
+def _source(config: DictConfig) -> _Source:
+    if config.labels in (None, ""):
+        raise ValueError(
+            "No landmarks are named: type hand-recon prepare shards labels=<file> images=<folder>."
+        )
+    if config.group_by not in GROUPS:
+        raise ValueError(f"Unknown group_by={config.group_by!r}; choose one of {list(GROUPS)}.")
+    if config.images_per_shard < 1:
+        raise ValueError(f"images_per_shard={config.images_per_shard}; expected 1 or more.")
+    encoding = Encoding(config.max_side, config.jpeg_quality)
+    options = {
+        key: config[key] for key in ("side", "order", "third_value", "placeholders", "min_side")
+    }
+    recipe = LandmarkRecipe(
+        config.labels, images=config.images, crop=CropPolicy(around=config.around), **options
+    )
+    table = LandmarkSplits(recipe).training_table
+    fields = None if config.fields is None else Path(config.fields).expanduser()
+    facts = read_facts(Path(config.labels).expanduser(), fields, plain(config.facts))
+    images = _images(table, facts, config.split)
+    return _Source(table, images, _groups(table, facts, config.group_by), facts, encoding)
+
+
+def _images(table: AnnotatedHands, facts: Facts, split: str | None) -> list[list[int]]:
+    """Rows of each image, in the order in which images come first, of one split where one is named."""
+    rows: dict[Path, list[int]] = {}
+    for row in range(len(table)):
+        rows.setdefault(table.images[row], []).append(row)
+    images = list(rows.values())
+    if split is None:
+        return images
+    kept = [one for one in images if facts_of(facts, table.source(one[0])).get("split") == split]
+    if not kept:
+        found = sorted({known["split"] for known in facts.values() if "split" in known})
+        raise ValueError(f"No image has the split {split!r}; those that are named are {found}.")
+    return kept
+
+
+def _groups(table: AnnotatedHands, facts: Facts, group_by: str) -> np.ndarray:
+    """Number of each hand's group: of its person where one is known, else of its image."""
+    names = scenes_of(table)
+    if group_by == "person":
+        persons = (facts_of(facts, table.source(row)).get("person") for row in range(len(table)))
+        names = [
+            name if person is None else f"person {person}"
+            for name, person in zip(names, persons, strict=True)
+        ]
+    return np.unique(names, return_inverse=True)[1]
+
+
+def _write_all(config: DictConfig, source: _Source, folder: Path) -> tuple[list[Shard], list[str]]:
+    """Write the shards that are not there yet; returns all of them, and names of unreadable images.
+
+    Raises:
+        ValueError: More images than allowed cannot be read.
+    """
+    size, total = config.images_per_shard, len(source.rows_of_image)
+    batches = read_progress(folder / PROGRESS)
+    with (
+        appending(folder / PROGRESS, batches) as append,
+        ThreadPoolExecutor(max(1, config.workers)) as pool,
+    ):
+        rows = [row for batch in batches for row in batch]
+        damaged = [name for row in rows for name in row["damaged"]]
+        starts = range(len(rows) * size, total, size)
+        if rows:
+            logger.info("%d shards are done already.", len(rows))
+        for start in with_progress(starts, len(starts), "Writing shards"):
+            unreadable: list[str] = []
+            numbers = range(start, min(start + size, total))
+            images = _readable(source, numbers, pool, unreadable)
+            shard = write_shard(folder, f"shard-{start // size:05d}", images)
+            damaged += unreadable
+            _check_damaged(damaged, config.max_damaged)
+            rows.append({"shard": shard and asdict(shard), "damaged": unreadable})
+            append(rows[-1:])
+    return [Shard.from_json(row["shard"]) for row in rows if row["shard"] is not None], damaged
+
+
+def _readable(
+    source: _Source, numbers: range, pool: ThreadPoolExecutor, unreadable: list[str]
+) -> Iterator[ShardImage]:
+    """Images in order, some of them read ahead; names of unreadable ones are added to the list."""
+    # OpenCV decodes and encodes outside the interpreter's lock, so threads are enough.
+    for start in range(numbers.start, numbers.stop, _AT_ONCE):
+        for image in pool.map(source.image, range(start, min(start + _AT_ONCE, numbers.stop))):
+            if isinstance(image, ShardImage):
+                yield image
+            else:
+                logger.warning("%s cannot be read and is left out.", image)
+                unreadable.append(image)
+
+
+def _check_damaged(damaged: list[str], most: int) -> None:
+    if len(damaged) > most:
+        raise ValueError(
+            f"{len(damaged)} images cannot be read, more than max_damaged={most}; the first: "
+            f"{', '.join(itertools.islice(damaged, 5))}. Copy them again, or raise max_damaged: the same "
+            "command goes on where it stopped."
+        )
+
+
+def _manifest(
+    config: DictConfig, source: _Source, shards: list[Shard], damaged: list[str]
+) -> Manifest:
+    if not shards:
+        raise ValueError(f"None of {len(damaged)} images can be read; no shards are written.")
+    options = {
+        key: value
+        for key, value in plain(config).items()
+        if key not in ("labels", "images", "source", "fields", "output", "paths", "task", "workers")
+    }
+    return Manifest(
+        name=source.table.name,
+        around=config.around,
+        groups=int(source.groups.max()) + 1,
+        shards=tuple(shards),
+        landmark_set=config.landmark_set,
+        about={"version": __version__, "options": options, "unreadable": damaged},
+    )
+
+
+def _summary(folder: Path, manifest: Manifest, damaged: list[str]) -> dict[str, Any]:
+    images = sum(shard.images for shard in manifest.shards)
+    size = sum(shard.tar.bytes for shard in manifest.shards)
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(
+        f"{folder}: {len(manifest.shards)} shards, {images} images, {manifest.hands} hands, "
+        f"{size / 1e6:.1f} MB; {len(damaged)} images were left out."
+    )
+    console.print(f"hand-recon train data=shards data.train={folder}")
+    return {
+        "folder": str(folder), "shards": len(manifest.shards), "images": images, "hands": manifest.hands,
+        "damaged": damaged,
+    }  # fmt: skip
