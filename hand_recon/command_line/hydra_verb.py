@@ -17,6 +17,7 @@ from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
+from hand_recon.command_line.launched import error_prefix, launched_place
 from hand_recon.command_line.processor import collection_paused, share_processor
 from hand_recon.command_line.resolvers import register_resolvers
 from hand_recon.command_line.verbs import VERBS, Verb
@@ -25,6 +26,9 @@ from hand_recon.command_line.words import UsageError, to_overrides
 _USER_ERRORS: Final = (
     ValueError, OSError, ModuleNotFoundError, MissingMandatoryValue, InstantiationException,
 )  # fmt: skip
+OF_OTHER_PROCESSES: Final = ("hydra.run.dir=.", "hydra.output_subdir=null")
+"""Overrides of Hydra that make no folder and no file."""
+
 _WHERE: Final = "(HYDRA_FULL_ERROR=1 in the environment shows the place in the code.)"
 
 
@@ -60,6 +64,7 @@ def run_verb(
             groups=groups(config_name),
         )
         _check_nested(config_name, overrides)
+        overrides += of_other_processes(overrides) if verb.together else ()
     except UsageError as error:
         sys.stderr.write(f"error: {error}\nSee `hand-recon {name} --help`.\n")
         raise SystemExit(2) from error
@@ -99,7 +104,8 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
             # In a sweep Hydra says which run failed.
             if HydraConfig.get().mode == RunMode.MULTIRUN or _wants_traceback(error):
                 raise
-            sys.stderr.write(f"error: {_reason(error)}\n{_WHERE}\n")
+            prefix = error_prefix() if verb.together else "error"
+            sys.stderr.write(f"{prefix}: {_reason(error)}\n{_WHERE}\n")
             raise SystemExit(1) from error
 
     return task
@@ -124,6 +130,24 @@ def _wants_traceback(error: Exception) -> bool:
     """True for an error that the user asked to see whole, or that is a fault of this program."""
     own = isinstance(error, ModuleNotFoundError) and (error.name or "").startswith("hand_recon")
     return own or "HYDRA_FULL_ERROR" in os.environ
+
+
+def of_other_processes(overrides: Sequence[str]) -> tuple[str, ...]:
+    """Overrides for a process that a launcher started beside the first one, which alone has a folder.
+
+    Args:
+        overrides: The user's.
+
+    Raises:
+        UsageError: It is one of several processes, and the command is a sweep.
+    """
+    place = launched_place()
+    if place.count > 1 and not {"--multirun", "-m"}.isdisjoint(overrides):
+        raise UsageError(
+            f"{place.launcher} started {place.count} processes of a sweep, each of which would do all of it. "
+            f"Start it without {place.launcher}: trainer.devices=2 starts the processes of each run."
+        )
+    return OF_OTHER_PROCESSES if place.rank else ()
 
 
 def _check_nested(config_name: str, overrides: Sequence[str]) -> None:

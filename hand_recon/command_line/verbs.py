@@ -22,6 +22,8 @@ class Verb:
     """Further keys whose values are paths: quoted for Hydra, `~` expanded."""
     many: str | None = None
     """Configuration key of a list that takes all words without a key, in place of `positional`."""
+    together: bool = False
+    """True if processes that a launcher such as torchrun started share the work."""
     lists: tuple[str, ...] = ()
     """Keys of lists of names, which may be written with commas alone, `key=a,b`, as sweeps are in Hydra."""
 
@@ -80,11 +82,11 @@ VERBS: Final = {
         Verb(
             "train", MODELS, "train, test the best checkpoint, draw a report",
             "hand_recon.runs.training_run:train", (),
-            ("resume", "start_from", "model.encoder.weights", *DATA_PATHS),
+            ("resume", "start_from", "model.encoder.weights", *DATA_PATHS), together=True,
         ),
         Verb(
             "evaluate", MODELS, "test a checkpoint on its own data or on another dataset",
-            "hand_recon.runs.evaluation_run:evaluate", ("ckpt",), DATA_PATHS,
+            "hand_recon.runs.evaluation_run:evaluate", ("ckpt",), DATA_PATHS, together=True,
         ),
         Verb(
             "score", MODELS, "score and check anybody's file of predictions as its benchmark does",

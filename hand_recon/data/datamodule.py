@@ -3,7 +3,7 @@
 import logging
 import zlib
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import lightning
 import torch
@@ -11,8 +11,16 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from hand_recon import process_group
 from hand_recon.data.augment import Augmentation, to_float
-from hand_recon.data.sample_order import EpochSampler, ResumableLoader, SeededShuffle, limit_threads
+from hand_recon.data.sample_order import (
+    DealtOut,
+    EpochSampler,
+    EvaluationShare,
+    ResumableLoader,
+    SeededShuffle,
+    limit_threads,
+)
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
 
@@ -129,14 +137,32 @@ class HandDataModule(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[HandSample]:
         """Shuffled batches of equal size; fewer samples than one batch make a smaller batch."""
-        dataset = self.dataset("train")
-        batch_size = min(self.batch_size, len(dataset))
+        return self._training_loader(SeededShuffle(self.dataset("train"), self.seed))
+
+    def _training_loader(self, sampler: EpochSampler) -> DataLoader[HandSample]:
+        """Batches in a sampler's order, dealt out to all processes.
+
+        Args:
+            sampler: Order of all samples of an epoch.
+
+        Raises:
+            ValueError: There are fewer samples than processes.
+        """
+        samples, processes = len(sampler), process_group.count()
+        batch_size = min(self.batch_size, samples // processes)
+        if batch_size == 0:
+            raise ValueError(
+                f"An epoch of {self.name} has {samples} training samples for {processes} processes, and each "
+                "needs one. Lower trainer.devices, or give more samples."
+            )
         if batch_size < self.batch_size:
             logger.warning(
-                "%s has %d training samples, fewer than batch_size=%d: batches have %d instead.",
-                self.name, len(dataset), self.batch_size, batch_size,
+                "An epoch of %s has %d training samples, fewer than batch_size=%d in each process: batches "
+                "have %d instead.",
+                self.name, samples, self.batch_size, batch_size,
             )  # fmt: skip
-        sampler = SeededShuffle(dataset, self.seed)
+        if processes > 1:
+            sampler = DealtOut(sampler, batch_size, process_group.rank(), processes)
         return self._loader("train", batch_size, sampler=sampler, drop_last=True)
 
     def val_dataloader(self) -> DataLoader[HandSample]:
@@ -212,16 +238,23 @@ class HandDataModule(lightning.LightningDataModule):
     ) -> DataLoader[HandSample]:
         dataset = self.dataset(split)
         loader: type[DataLoader[HandSample]] = DataLoader if sampler is None else ResumableLoader
+        rank, processes = process_group.rank(), process_group.count()
+        batches: dict[str, Any] = {
+            "batch_size": batch_size, "sampler": sampler, "drop_last": drop_last,
+        }  # fmt: skip
+        if sampler is None and processes > 1:
+            batches = {"batch_sampler": EvaluationShare(len(dataset), batch_size, rank, processes)}
+        # The seeds of loading processes differ between processes of a training, too.
+        seeds = torch.Generator().manual_seed(zlib.crc32(repr((self.seed, rank)).encode()))
         return loader(
             _Batches(dataset) if isinstance(dataset, BatchedDataset) else dataset,  # type: ignore[arg-type]  # any sized, indexable object will do
-            batch_size=batch_size,
-            sampler=sampler,
-            drop_last=drop_last,
+            **batches,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
             pin_memory=torch.cuda.is_available(),
             collate_fn=_stacked,
             worker_init_fn=limit_threads,
+            generator=seeds if rank else None,
         )
 
 

@@ -187,13 +187,7 @@ class MixtureDataModule(HandDataModule):
             logger.info("%s: %d of %d hands of an epoch.", name, count, sum(counts.values()))
         sizes = [len(part.dataset("train")) for part in self.parts.values()]
         sampler = WeightedShuffle(sizes, list(counts.values()), self.seed)
-        batch_size = min(self.batch_size, len(sampler))
-        if batch_size < self.batch_size:
-            logger.warning(
-                "An epoch has %d hands, fewer than batch_size=%d: batches have %d instead.",
-                len(sampler), self.batch_size, batch_size,
-            )  # fmt: skip
-        return self._loader("train", batch_size, sampler=sampler, drop_last=True)
+        return self._training_loader(sampler)
 
     def counts(self) -> dict[str, int]:
         """Hands of each part in an epoch."""

@@ -3,12 +3,16 @@
 import zlib
 from abc import abstractmethod
 from collections.abc import Iterator, Sized
-from typing import Any
+from typing import Any, Final
 
 import torch
 from torch.utils.data import DataLoader, Sampler
 
+from hand_recon import process_group
 from hand_recon.schema import HandSample
+
+PROCESSES: Final = "processes"
+"""Key of the number of processes in the state of a loader; without it, it is 1."""
 
 
 class EpochSampler(Sampler[int]):
@@ -33,6 +37,10 @@ class EpochSampler(Sampler[int]):
     def order(self) -> list[int]:
         """Indices of all samples of this epoch."""
 
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of samples of an epoch."""
+
     def __iter__(self) -> Iterator[int]:
         """Indices of this epoch, without the first `skipped` ones."""
         yield from self.order()[self.skipped :]
@@ -54,6 +62,81 @@ class SeededShuffle(EpochSampler):
         return len(self.dataset)
 
 
+class DealtOut(EpochSampler):
+    """Share of one process in an order of samples: its part of each batch of all processes.
+
+    The hands of a step are those of one process with a batch as large as all batches together. Samples
+    that do not fill such a batch are left out until the next epoch, as those of an incomplete batch are.
+    """
+
+    def __init__(self, whole: EpochSampler, batch_size: int, process: int, processes: int) -> None:
+        """Deal out an order.
+
+        Args:
+            whole: Order of all samples.
+            batch_size: Samples of a batch of one process.
+            process: Number of this process, from 0.
+            processes: Number of all processes.
+        """
+        super().__init__(whole.seed)
+        self.whole = whole
+        self.batch_size, self.process, self.processes = batch_size, process, processes
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch of the whole order, too."""
+        super().set_epoch(epoch)
+        self.whole.set_epoch(epoch)
+
+    def order(self) -> list[int]:
+        """Indices of this process's samples in this epoch."""
+        step = self.batch_size * self.processes
+        order = self.whole.order()
+        first = self.batch_size * self.process
+        starts = range(first, len(order) // step * step, step)
+        return [index for start in starts for index in order[start : start + self.batch_size]]
+
+    def __len__(self) -> int:
+        step = self.batch_size * self.processes
+        return len(self.whole) // step * self.batch_size
+
+
+class EvaluationShare(Sampler[list[int]]):
+    """Batches of one process in an evaluation: each sample in one process, once, and as many batches in each.
+
+    Processes that exchange something in each batch, such as the state of batch normalization, would wait for
+    each other for ever with different numbers of batches. So the sizes of batches differ by one instead.
+    """
+
+    def __init__(self, size: int, batch_size: int, process: int, processes: int) -> None:
+        """Deal out the samples.
+
+        Args:
+            size: Number of all samples.
+            batch_size: Samples of a batch; with 1, a process with a sample more has a batch of two.
+            process: Number of this process, from 0.
+            processes: Number of all processes.
+
+        Raises:
+            ValueError: There are fewer samples than processes.
+        """
+        if size < processes:
+            raise ValueError(
+                f"An evaluation of {size} hands cannot be shared by {processes} processes: each needs one. "
+                "Lower trainer.devices, or give more hands."
+            )
+        most = -(-size // processes)
+        number = min(-(-most // batch_size), size // processes)
+        parts = torch.arange(process, size, processes).tensor_split(number)
+        self.batches: list[list[int]] = [part.tolist() for part in parts]
+
+    def __iter__(self) -> Iterator[list[int]]:
+        """Indices of each batch."""
+        yield from self.batches
+
+    def __len__(self) -> int:
+        return len(self.batches)
+
+
 class ResumableLoader(DataLoader[HandSample]):
     """Loader of training batches whose state is the epoch and the number of batches that it gave.
 
@@ -73,16 +156,17 @@ class ResumableLoader(DataLoader[HandSample]):
         if isinstance(sampler, EpochSampler):
             sampler.skipped = first * (self.batch_size or 1)
         batches = super().__iter__()
-        # A sampler that deals an epoch out to several processes cannot skip: its batches are passed over.
+        # Another sampler, such as that of debug=overfit, cannot skip: its batches are passed over.
         for number, batch in enumerate(batches, start=first if skips else 0):
             if number >= first:
                 self._given = (epoch, number + 1)
                 yield batch
 
     def state_dict(self) -> dict[str, int]:
-        """The epoch and its batches so far: none before an epoch's first."""
+        """The epoch, its batches so far, none before an epoch's first, and the processes that share it."""
         epoch = self._epoch()
-        return {"epoch": epoch, "batches": self._given[1] if self._given[0] == epoch else 0}
+        batches = self._given[1] if self._given[0] == epoch else 0
+        return {"epoch": epoch, "batches": batches, PROCESSES: process_group.count()}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
         """Begin that epoch after those batches."""

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor, nn
 
+from hand_recon import process_group
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.evaluation.calibration import Calibration
 from hand_recon.evaluation.landmarks_2d import Landmarks2D
@@ -72,8 +73,10 @@ class Scores(nn.Module):
 
     def compute(self) -> dict[str, float]:
         """Every score by name; `last_per_hand` keeps the scores of each hand even after a reset."""
-        in_3d = self.in_3d.compute() if self._has_3d else {}
-        if self._has_3d:
+        # A process whose own hands have no ground truth takes part as well: the others wait for it.
+        has_3d = process_group.in_any_process(self._has_3d)
+        in_3d = self.in_3d.compute() if has_3d else {}
+        if has_3d:
             self.last_per_hand = self.in_3d.last_per_hand
         calibration = {} if self.calibration is None else self.calibration.compute()
         return in_3d | self.in_2d.compute() | self.plausibility.compute() | calibration

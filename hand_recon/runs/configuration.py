@@ -186,18 +186,19 @@ def build_prior(config: DictConfig, hand: HandModel) -> Prior:
     )
 
 
-def configure_process(threads: int | None) -> int:
+def configure_process(threads: int | None, processes: int = 1) -> int:
     """Set the number of compute threads, reset an unsupported start method to spawn, return the number.
 
     Args:
         threads: Threads; none for every core that is not busy with other processes. More threads than free
             cores are many times slower.
+        processes: Processes of this machine that share the cores.
     """
     # The processes of Hydra's joblib launcher have joblib's start method, which their own children
     # do not know.
     if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
         multiprocessing.set_start_method("spawn", force=True)
-    count = threads or default_threads()
+    count = threads or max(1, default_threads() // processes)
     torch.set_num_threads(count)
     return count
 

@@ -1,13 +1,15 @@
 """Tests a checkpoint on its own test hands or on another dataset's (Sec. 4.1)."""
 
 import logging
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import lightning
 import torch
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from hand_recon.command_line.launched import Place
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.protocols.benchmark_predictions import (
     BenchmarkPredictions,
@@ -21,10 +23,19 @@ from hand_recon.protocols.submission import rooted
 from hand_recon.runs.building import build_data, check_input
 from hand_recon.runs.checkpoints import load_trained
 from hand_recon.runs.configuration import check_extra, claim_folder, configure_process, use_cache
-from hand_recon.runs.results import Run, finish_run, sees_all_batches, write_json
+from hand_recon.runs.results import Run, finish_run, write_json
 from hand_recon.runs.training_progress import quiet_libraries
+from hand_recon.runs.working_together import (
+    first_of_each_machine,
+    from_first,
+    joined,
+    place_of,
+)
 
 logger = logging.getLogger(__name__)
+
+TASK: Final = f"{__name__}:evaluate"
+"""This command's function, for its other processes."""
 
 
 def evaluate(config: DictConfig) -> dict[str, Any]:
@@ -46,14 +57,21 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
         )
     check_extra("matplotlib", "jinja2")
     quiet_libraries()
-    configure_process(config.threads)
+    place = place_of(config)
+    threads = configure_process(config.threads, place.local_count)
+    with joined(place, config, TASK, threads):
+        return _evaluate(config, place)
+
+
+def _evaluate(config: DictConfig, place: Place) -> dict[str, Any]:
     other_data = config.get("data") is not None
     loaded = load_trained(config.ckpt, config.data.landmark_set if other_data else None)
     trained = loaded.config
     lightning.seed_everything(trained.seed, workers=True, verbose=False)
-    folder = claim_folder(config.paths.run)
+    folder = from_first(place, partial(claim_folder, config.paths.run))
     with open_dict(trained):
         trained.paths, trained.report, trained.name = config.paths, config.report, config.name
+        trained.paths.run = str(folder)
         if other_data:
             trained.data = config.data
         use_cache(trained.data, config.paths.cache)
@@ -70,9 +88,11 @@ def evaluate(config: DictConfig) -> dict[str, Any]:
     hand = loaded.module.regressor.hand.name
     collected = BenchmarkPredictions(hand)
     observers = () if protocol is None else (collected,)
-    metrics = finish_run(Run(trained, folder, loaded.module, data, mean, facts, observers))
-    if protocol is not None:
-        if sees_all_batches(trained):
+    first_of_each_machine(place, partial(data.setup, "test"))
+    run = Run(trained, folder, loaded.module, data, mean, facts, observers, place)
+    metrics = finish_run(run)
+    if protocol is not None and place.rank == 0:
+        if place.count == 1:
             tested = collected.tested(data)
         else:
             tested = predict_test(loaded.module, data, hand, _device(config))

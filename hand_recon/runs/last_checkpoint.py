@@ -15,6 +15,7 @@ import torch
 from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import CSVLogger
 
+from hand_recon import process_group
 from hand_recon.data.sample_order import ResumableLoader
 from hand_recon.runs.checkpoint_writer import LAST, METRICS_KEY, POSITION_KEY
 
@@ -105,7 +106,7 @@ class LastCheckpoint(Checkpoint):
             if trainer.num_training_batches == 1:
                 self._end_if_terminated(trainer)
             return
-        if _any_process(trainer, self._due()):
+        if process_group.in_any_process(self._due()):
             self._save(trainer, pl_module)
         self._end_if_terminated(trainer)
 
@@ -120,7 +121,8 @@ class LastCheckpoint(Checkpoint):
     ) -> None:
         """End a long validation: training goes on from the checkpoint before it."""
         since = self._terminated
-        if since is not None and time.monotonic() - since > VALIDATION_GRACE:
+        late = since is not None and time.monotonic() - since > VALIDATION_GRACE
+        if process_group.in_any_process(late):
             self._end_if_terminated(trainer)
 
     def on_validation_end(
@@ -194,7 +196,7 @@ class LastCheckpoint(Checkpoint):
         Raises:
             SystemExit: With status 143.
         """
-        if not _any_process(trainer, self._terminated is not None):
+        if not process_group.in_any_process(self._terminated is not None):
             return
         logger.warning(
             "SIGTERM at step %d; %s is of step %d. The same command with resume=%s goes on.",
@@ -213,11 +215,6 @@ def _validates_next(trainer: lightning.Trainer, batch_idx: int) -> bool:
     interval = trainer.val_check_batch
     within = interval is not None and (batch_idx + 1) % interval == 0
     return trainer.is_last_batch or (trainer.enable_validation and within)
-
-
-def _any_process(trainer: lightning.Trainer, value: bool) -> bool:
-    """True in all processes if it is in one."""
-    return bool(trainer.strategy.reduce_boolean_decision(value, all=False))
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from typing import Any
 
 import lightning
 
+from hand_recon import process_group
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.schema import HandBatch, HandPrediction
@@ -66,7 +67,7 @@ class ConstantHand:
         )
 
     def scores(self) -> dict[str, float]:
-        """Mean of each score; empty without any ground truth."""
-        if not self.metric.update_called:
+        """Mean of each score over the hands of all processes; empty without any ground truth."""
+        if not process_group.in_any_process(self.metric.update_called):
             return {}
         return {name: value for name, value in self.metric.compute().items() if name in self.names}

@@ -19,6 +19,7 @@ from rich.table import Table
 from torch import Tensor
 
 from hand_recon import __version__
+from hand_recon.command_line.launched import ALONE, Place
 from hand_recon.data.augment import to_float
 from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.selection import evenly_spaced
@@ -26,7 +27,9 @@ from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.runs.configuration import instantiate
 from hand_recon.runs.observers import ConstantHand, ObservedTest, Observer
+from hand_recon.runs.trainer_arguments import trainer_arguments
 from hand_recon.runs.training_progress import is_interactive
+from hand_recon.runs.working_together import leave
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.module import HandReconstruction
 from hand_recon.visualization.curves import draw_curves
@@ -63,35 +66,36 @@ class Run:
     """Further entries of `metrics.json`."""
     observers: tuple[Observer, ...] = ()
     """Called with every test batch and its prediction, if one process sees all of them."""
+    place: Place = ALONE
+    """Place of this process; all of them test."""
 
 
 def finish_run(run: Run) -> dict[str, Any]:
     """Test, print the table, and write metrics, images and the report.
 
+    All processes test; then they leave their group, and the first one writes.
+
     Returns:
-        What `metrics.json` holds.
+        What `metrics.json` holds; in other processes than the first, nothing.
     """
     constant = None if run.mean_pose is None else ConstantHand(run.mean_pose, ALIGNED)
     scores = _test(run, constant)
+    of_constant = {} if constant is None else constant.scores()
+    leave()
+    if run.place.rank:
+        return {}
     metrics: dict[str, Any] = {
         "name": run.config.name,
         "data": run.data.name,
         "landmarks": run.data.landmark_set,
         "test_hands": len(run.data.dataset("test")),
         "test": scores,
-        "mean_pose": {},
+        "mean_pose": of_constant,
         **run.facts,
         "environment": environment(),
     }
-    # Written before the baseline is known, so that a later failure does not lose the scores.
     write_json(run.folder / "metrics.json", metrics)
     _write_per_hand(run)
-    if constant is not None:
-        if not sees_all_batches(run.config):
-            for batch in run.data.test_dataloader():
-                constant(batch)
-        metrics["mean_pose"] = constant.scores()
-        write_json(run.folder / "metrics.json", metrics)
     _print_table(scores, metrics["mean_pose"], run.data.name)
     if "E_V" not in scores:
         logger.warning(
@@ -113,7 +117,7 @@ def mean_pose(data: HandDataModule) -> HandPoints | None:
 
 def _test(run: Run, constant: ConstantHand | None) -> dict[str, float]:
     """Scores on the test hands, in single precision whatever the training's was."""
-    observers: tuple[Observer, ...] = run.observers
+    observers: tuple[Observer, ...] = run.observers if run.place.count == 1 else ()
     if constant is not None:
         observers = (*observers, constant)
     trainer = instantiate(
@@ -122,7 +126,8 @@ def _test(run: Run, constant: ConstantHand | None) -> dict[str, float]:
         logger=False,
         enable_checkpointing=False,
         enable_progress_bar=is_interactive(),
-        callbacks=[ObservedTest(*observers)] if sees_all_batches(run.config) else [],
+        callbacks=[ObservedTest(*observers)],
+        **trainer_arguments(run.config.trainer, run.place),
     )
     trainer.test(run.module, datamodule=run.data, verbose=False)
     return {
@@ -130,12 +135,6 @@ def _test(run: Run, constant: ConstantHand | None) -> dict[str, float]:
         for name, value in trainer.callback_metrics.items()
         if name.startswith("test/")
     }
-
-
-def sees_all_batches(config: DictConfig) -> bool:
-    """True if one process tests every batch: a trainer of one device on one machine."""
-    trainer = config.trainer
-    return trainer.get("devices", 1) in (1, "1", [0]) and trainer.get("num_nodes", 1) == 1
 
 
 def _write_per_hand(run: Run) -> None:

@@ -13,15 +13,18 @@ from typing import Any, Final
 from lightning.pytorch.loggers import Logger
 from omegaconf import DictConfig
 
+from hand_recon.data.sample_order import PROCESSES
 from hand_recon.runs.checkpoint_writer import (
     BEFORE_LAST,
     LAST,
     METRICS_KEY,
+    POSITION_KEY,
     damage,
     write_checkpoint,
 )
 from hand_recon.runs.checkpoints import VERSION_KEY, read_checkpoint
 from hand_recon.runs.configuration import plain, refuse_outdated
+from hand_recon.runs.process_settings import expected_processes
 from hand_recon.runs.unfinished import hand_over, lock
 from hand_recon.runs.unfinished_runs import newest_unfinished
 
@@ -94,6 +97,7 @@ def earlier_run(config: DictConfig) -> Earlier | None:
             f"{path} was trained with other settings: {described}. A run is continued with the settings that "
             "it had (config.yaml in its folder lists them)."
         )
+    _check_processes(path, checkpoint, expected_processes(config.trainer))
     if "optimizer_states" not in checkpoint:
         raise ValueError(
             f"{path} has weights alone, without the state of the optimizer. Continue from {LAST} beside it, "
@@ -101,6 +105,20 @@ def earlier_run(config: DictConfig) -> Earlier | None:
         )
     logger.info("Continuing %s from step %d.", path, checkpoint["global_step"])
     return Earlier(path, checkpoint)
+
+
+def _check_processes(path: Path, checkpoint: dict[str, Any], now: int) -> None:
+    """Check that as many processes share an epoch as before.
+
+    Raises:
+        ValueError: The number is another.
+    """
+    before = int(checkpoint.get(POSITION_KEY, {}).get(PROCESSES, 1))
+    if before != now:
+        raise ValueError(
+            f"{path} was trained by {before} processes, and now there are {now}: the batches of its epoch "
+            f"would be others. Continue with {before} (trainer.devices times trainer.num_nodes)."
+        )
 
 
 def last_whole(path: Path) -> Path:

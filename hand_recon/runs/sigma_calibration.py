@@ -59,10 +59,10 @@ def factor_of(module: HandReconstruction) -> float:
     term, calibration = module.data_term, module.validation.calibration
     if calibration is None or not term.learns_sigma or term.stage < term.stages - 1:
         return 1.0
-    residual, log_sigma = calibration.distinct("residual"), calibration.distinct("log_sigma")
-    known = residual.isfinite()
-    given = None
-    if module.label_sigma == "given":
+    # The hands of all processes.
+    with calibration.sync_context():
+        residual, log_sigma = calibration.distinct("residual"), calibration.distinct("log_sigma")
         noise = calibration.distinct("label_noise").nan_to_num(0.0)
-        given = noise.repeat_interleave(2, dim=1)[known]
+    known = residual.isfinite()
+    given = noise.repeat_interleave(2, dim=1)[known] if module.label_sigma == "given" else None
     return sigma_factor(residual[known], torch.exp(log_sigma)[known], given)

@@ -25,6 +25,8 @@ def quiet_libraries() -> None:
     warnings.filterwarnings("ignore", message=r".*treespec, LeafSpec", module="lightning")
     # A continued run's folder has the checkpoints of the run before.
     warnings.filterwarnings("ignore", message=r"Checkpoint directory .* exists and is not empty")
+    # Scores are those of the hands of all processes already.
+    warnings.filterwarnings("ignore", message=r"It is recommended to use `self\.log\(")
     # Frozen layers are in evaluation mode on purpose.
     warnings.filterwarnings("ignore", message=r"Found \d+ module\(s\) in eval mode")
 

@@ -4,9 +4,10 @@ import logging
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import lightning
 from lightning.pytorch.callbacks import ModelCheckpoint
@@ -14,8 +15,10 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from hand_recon import __version__
+from hand_recon.command_line.launched import ALONE, Place
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.scores import HandPoints
+from hand_recon.process_group import gathered
 from hand_recon.regressor.compiling import compile_backbones
 from hand_recon.runs.building import build_data, build_module, check_input
 from hand_recon.runs.checkpoint_writer import WholeCheckpoints
@@ -32,15 +35,25 @@ from hand_recon.runs.offending_batch import save_batch
 from hand_recon.runs.results import Run, finish_run, mean_pose
 from hand_recon.runs.resuming import Earlier, adopt, earlier_run, repeat_metrics
 from hand_recon.runs.sigma_calibration import SigmaInCheckpoint
+from hand_recon.runs.trainer_arguments import trainer_arguments
 from hand_recon.runs.training_progress import is_interactive, progress_callback, quiet_libraries
 from hand_recon.runs.unfinished import finish, mark_unfinished
 from hand_recon.runs.unfinished_runs import training_settings
+from hand_recon.runs.working_together import (
+    first_of_each_machine,
+    from_first,
+    joined,
+    place_of,
+)
 from hand_recon.training.epoch_losses import EpochLosses
 from hand_recon.training.module import HandReconstruction
 from hand_recon.training.non_finite import NonFiniteLossError
 from hand_recon.training.seeded_steps import SeededSteps
 
 logger = logging.getLogger(__name__)
+
+TASK: Final = f"{__name__}:train"
+"""This command's function, for its other processes."""
 
 
 def train(config: DictConfig) -> dict[str, Any]:
@@ -57,72 +70,115 @@ def train(config: DictConfig) -> dict[str, Any]:
     """
     check_extra("tensorboard", "matplotlib", "jinja2")
     with sigterm_ends_the_process():
-        return _train(config)
+        place = place_of(config)
+        lightning.seed_everything(config.seed, workers=True, verbose=False)
+        quiet_libraries()
+        threads = configure_process(config.threads, place.local_count)
+        with joined(place, config, TASK, threads):
+            return _train(config, place, threads)
 
 
-def _train(config: DictConfig) -> dict[str, Any]:
-    lightning.seed_everything(config.seed, workers=True, verbose=False)
-    quiet_libraries()
-    threads = configure_process(config.threads)
-    earlier = earlier_run(config)
-    folder = _begin(config)
-    data, module = build_data(config), build_module(config)
-    check_input(module, data)
+def _train(config: DictConfig, place: Place, threads: int) -> dict[str, Any]:
+    start = from_first(place, partial(_begin, config))
+    # The folder of another process, which a launcher started, would have the name of another second.
+    config.paths.run = str(start.folder)
+    data, module = first_of_each_machine(place, partial(_built, config))
     parameters = sum(parameter.numel() for parameter in module.parameters())
     logger.info("%s: %.1f M parameters, %d threads", config.name, parameters / 1e6, threads)
-    logger.info("If it is interrupted, the same command with resume=%s goes on.", folder)
+    logger.info("If it is interrupted, the same command with resume=%s goes on.", start.folder)
+    if place.count > 1:
+        logger.info(
+            "%d processes with batches of %d: %d hands in a step. The learning rate is that of the "
+            "configuration.", place.count, data.batch_size, place.count * data.batch_size,
+        )  # fmt: skip
     # Photographs are decoded before the time is taken. Rendered hands are awaited batch by batch, if need be.
-    data.setup("fit")
+    first_of_each_machine(place, partial(data.setup, "fit"))
     mean = cache(partial(mean_pose, data))
-    trainer = build_trainer(config, mean)
+    trainer = build_trainer(config, mean, place)
     if config.compile:
         compile_backbones(module, str(trainer.strategy.root_device))
-    seconds = _fit(trainer, module, data, earlier, folder)
+    seconds = _fit(trainer, module, data, start, place)
     best = best_checkpoint(trainer)
-    batches = trainer.fit_loop.total_batch_idx + 1 - (0 if earlier is None else earlier.batches)
+    steps = trainer.fit_loop.total_batch_idx + 1 - start.batches
+    hands = steps * place.count * data.batch_size
     facts = {
-        "checkpoint": str(best.relative_to(os.path.realpath(folder))),
+        "checkpoint": str(best.relative_to(os.path.realpath(start.folder))),
         "parameters": parameters,
+        "processes": place.count,
+        "hands_per_step": place.count * data.batch_size,
         "train_seconds": round(seconds, 1),
-        "train_images_per_second": round(batches * data.batch_size / max(seconds, 1e-9), 1),
+        "train_images_per_second": round(hands / max(seconds, 1e-9), 1),
         "epochs": trainer.current_epoch,
     }
-    metrics = finish_run(
-        Run(config, folder, load_trained(best, composed=config).module, data, mean(), facts)
-    )
-    finish(folder)
+    trained = load_trained(best, composed=config).module
+    metrics = finish_run(Run(config, start.folder, trained, data, mean(), facts, place=place))
+    if place.rank == 0:
+        finish(start.folder)
     return metrics
 
 
-def _begin(config: DictConfig) -> Path:
-    """Make the run's folder, marked as unfinished."""
+@dataclass(frozen=True)
+class Start:
+    """Beginning of a run, which the first process makes."""
+
+    folder: Path
+    """The run's."""
+    earlier: Earlier | None = None
+    """The run that is continued, in the first process."""
+    batches: int = 0
+    """Batches that each process made before."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What other processes get: all but the contents of a checkpoint."""
+        return vars(self) | {"earlier": None}
+
+
+def _begin(config: DictConfig) -> Start:
+    """Find the run to continue, and make the folder of this one, marked as unfinished."""
+    earlier = earlier_run(config)
     folder = claim_folder(config.paths.run)
     mark_unfinished(folder, {"training": training_settings(config), "version": __version__})
     OmegaConf.save(OmegaConf.create(plain(config)), folder / "config.yaml")
-    return folder
+    if earlier is None:
+        return Start(folder)
+    return Start(folder, earlier, earlier.batches)
+
+
+def _built(config: DictConfig) -> tuple[HandDataModule, HandReconstruction]:
+    """Data and module, which fit each other."""
+    data, module = build_data(config), build_module(config)
+    check_input(module, data)
+    return data, module
 
 
 def _fit(
     trainer: lightning.Trainer,
     module: HandReconstruction,
     data: HandDataModule,
-    earlier: Earlier | None,
-    folder: Path,
+    start: Start,
+    place: Place,
 ) -> float:
     """Train, from the checkpoint of an earlier run if there is one; the seconds that it took.
 
     Raises:
         FloatingPointError: A loss is not finite; its batch is in the run's folder.
     """
-    last = None
-    if earlier is not None:
-        last = adopt(earlier, folder)
-        repeat_metrics(earlier, trainer.loggers)
+
+    def take_over() -> Path | None:
+        if start.earlier is None:
+            return None
+        repeat_metrics(start.earlier, trainer.loggers)
+        return adopt(start.earlier, start.folder)
+
+    last = from_first(place, take_over)
     started = time.monotonic()
     try:
         trainer.fit(module, datamodule=data, ckpt_path=last, weights_only=True)
     except NonFiniteLossError as error:
-        file = save_batch(error, folder)
+        # The first of the processes that have such a loss writes its batch.
+        if gathered(error.own).index(True) != place.rank:
+            raise SystemExit(1) from error
+        file = save_batch(error, start.folder)
         raise FloatingPointError(f"{error} The batch is in {file} (torch.load).") from error
     return time.monotonic() - started
 
@@ -146,13 +202,17 @@ def best_checkpoint(trainer: lightning.Trainer) -> Path:
     return path
 
 
-def build_trainer(config: DictConfig, mean: Callable[[], HandPoints | None]) -> lightning.Trainer:
+def build_trainer(
+    config: DictConfig, mean: Callable[[], HandPoints | None], place: Place = ALONE
+) -> lightning.Trainer:
     """The Lightning trainer of a run.
 
     Args:
         config: Of the run.
         mean: Gives the mean training hand, for the checkpoints; called when the first is saved.
+        place: Of this process.
     """
+    arguments = trainer_arguments(config.trainer, place)
     callbacks = [instantiate(callback) for callback in config.callbacks.values()]
     loggers = [instantiate(one) for one in config.logger.values()]
 
@@ -174,7 +234,7 @@ def build_trainer(config: DictConfig, mean: Callable[[], HandPoints | None]) -> 
             progress_callback(),
         ],
         logger=loggers,
-        plugins=[WholeCheckpoints()],
         enable_progress_bar=is_interactive(),
+        **arguments | {"plugins": [WholeCheckpoints(), *arguments["plugins"]]},
     )
     return trainer

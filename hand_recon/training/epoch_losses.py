@@ -5,8 +5,14 @@ from typing import Any, Final
 import lightning
 from torch import Tensor
 
+from hand_recon import process_group
+
 LOSSES: Final = "losses"
 """Key of the detached losses, by name, in what a training step returns."""
+
+
+OF_PROCESSES: Final = "of_processes"
+"""Key of the sums of each process, by rank, in a state; one process alone has its own without it."""
 
 
 class EpochLosses(lightning.Callback):
@@ -47,9 +53,15 @@ class EpochLosses(lightning.Callback):
         self.sums, self.count = {}, 0
 
     def state_dict(self) -> dict[str, Any]:
-        """The sums of the epoch so far."""
-        return {"sums": self.sums, "count": self.count}
+        """The sums of the epoch so far, of each process."""
+        own = {"sums": self.sums, "count": self.count}
+        if process_group.count() == 1:
+            return own
+        on_the_processor = {name: value.cpu() for name, value in self.sums.items()}
+        return {OF_PROCESSES: process_group.gathered(own | {"sums": on_the_processor})}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Go on from the sums of a checkpoint."""
+        if OF_PROCESSES in state_dict:
+            state_dict = state_dict[OF_PROCESSES][process_group.rank()]
         self.sums, self.count = dict(state_dict["sums"]), int(state_dict["count"])

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 
+from hand_recon import process_group
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.hand_scores import Scores
@@ -199,7 +200,8 @@ class HandReconstruction(lightning.LightningModule):
     def _start_sigma_at_the_residual(self, prediction: HandPrediction) -> None:
         """Shift log σ to the running residual, so that the switch scales the gradient of the means only."""
         start = self.data_term.running_log_sigma()
-        self.regressor.shift_log_sigma(start - prediction.log_sigma.detach().mean(dim=0))
+        predicted = process_group.averaged(prediction.log_sigma.detach().mean(dim=0))
+        self.regressor.shift_log_sigma(start - predicted)
         logger.info(
             "Step %d: the second stage of the data term begins. σ starts at the running residual, %.1f px "
             "(median over coordinates).",

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from hand_recon import process_group
 from hand_recon.uncertainty.bounds import LOWEST_SIGMA
 from hand_recon.uncertainty.data_term import DataTerm
 
@@ -42,16 +43,18 @@ class RunningResidual(nn.Module):
         residual: Float[Tensor, "*batch landmark=21 2"],
         labelled: Bool[Tensor, "*batch landmark=21"],
     ) -> None:
-        """Add the residuals of a step.
+        """Add the residuals of a step, of all processes.
 
         Args:
             residual: Projection minus label, pixels; anything where unlabelled.
             labelled: Landmarks that have a label.
         """
         squared = residual.masked_fill(~labelled[..., None], 0.0).square()
+        new = squared.reshape(-1, 21, 2).sum(dim=0), labelled.reshape(-1, 21).sum(dim=0)
+        sums = process_group.summed(torch.cat([new[0], new[1][:, None].to(squared)], dim=1))
         # Sum and count decay alike, so that neither the start nor rare labels bias the mean.
-        self.squares.mul_(RUNNING_DECAY).add_(squared.reshape(-1, 21, 2).sum(dim=0))
-        self.counts.mul_(RUNNING_DECAY).add_(labelled.reshape(-1, 21).sum(dim=0))
+        self.squares.mul_(RUNNING_DECAY).add_(sums[:, :2])
+        self.counts.mul_(RUNNING_DECAY).add_(sums[:, 2])
 
     def log_sigma(self) -> Float[Tensor, "landmark=21 2"]:
         """Logarithm of the running RMS, pixels, at least that of `LOWEST_SIGMA`.

@@ -239,7 +239,7 @@ def test_an_epoch_shorter_than_a_batch_is_a_smaller_batch_aloud(
     with caplog.at_level(logging.WARNING):
         batches = list(mixture(epoch_size=7, batch_size=64).train_dataloader())
     assert [len(batch) for batch in batches] == [7]
-    assert "An epoch has 7 hands, fewer than batch_size=64" in caplog.text
+    assert "has 7 training samples, fewer than batch_size=64" in caplog.text
 
 
 def test_parts_with_another_landmark_set_are_named(caplog: pytest.LogCaptureFixture) -> None:
