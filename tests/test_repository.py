@@ -101,7 +101,7 @@ def test_every_imported_package_is_a_declared_dependency() -> None:
     # What training, the detector, HEIC images and backbones need besides are extras of their own.
     extras = project["optional-dependencies"]
     used = (
-        "train", "detect", "heif", "backbone", "timm", "onnx", "demo", "usd", "rerun"
+        "train", "detect", "heif", "backbone", "timm", "onnx", "demo", "usd", "rerun", "sweeps"
     )  # fmt: skip
     lines = [*project["dependencies"], *(line for name in used for line in extras[name])]
     declared = {canonicalize_name(Requirement(line).name) for line in lines}

@@ -47,10 +47,15 @@ def _content(config_name: str) -> dict[str, object]:
     """A configuration file with what it inherits from files of its own folder."""
     content = yaml.safe_load((Path(CONF) / f"{config_name}.yaml").read_text(encoding="utf-8"))
     inherited: dict[str, object] = {}
+    defaults: list[object] = []
     for entry in content.get("defaults", []):
         if isinstance(entry, str) and entry != "_self_":
-            inherited |= _content(entry)
-    return inherited | content
+            other = _content(entry)
+            defaults += other.get("defaults", [])  # type: ignore[arg-type]  # a list in every file
+            inherited |= other
+        else:
+            defaults.append(entry)
+    return inherited | content | {"defaults": defaults}
 
 
 def _chosen(content: dict[str, object]) -> set[str]:

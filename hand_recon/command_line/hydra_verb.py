@@ -70,15 +70,38 @@ def run_verb(
         raise SystemExit(2) from error
     if not {"--help", "-h"}.isdisjoint(overrides):
         sys.stdout.write(f"{description.strip()}\n\n")
+    run_overrides(name, config_name, [*preset, *overrides])
+    if failed_members:
+        sys.stderr.write(f"error: {len(failed_members)} failed: {', '.join(failed_members)}.\n")
+        raise SystemExit(1)
+
+
+failed_members: Final[list[str]] = []
+"""Names of the runs of this process's sweep that did not finish, which the launcher of the sweep adds."""
+
+
+def run_overrides(name: str, config_name: str, overrides: Sequence[str]) -> None:
+    """Let Hydra compose a configuration and call the verb's function.
+
+    Args:
+        name: A key of `VERBS`.
+        config_name: File of `conf`.
+        overrides: Flags and overrides in Hydra's grammar.
+
+    Raises:
+        SystemExit: The run failed.
+    """
+    register_resolvers()
     # A `_target_` may name a module of the current folder, as with `python -m`, which a console script
     # does not look into.
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     # Hydra reads the process's command line.
-    sys.argv = [f"hand-recon {name}", *preset, *overrides]
+    sys.argv = [f"hand-recon {name}", *overrides]
+    main = hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)
     try:
         with collection_paused():
-            hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)(_task(verb))()
+            main(_task(VERBS[name]))()
     except BrokenPipeError as error:
         _end_quietly(error)
     except KeyboardInterrupt as error:

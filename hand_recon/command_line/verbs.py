@@ -81,8 +81,13 @@ VERBS: Final = {
         ),
         Verb(
             "train", MODELS, "train, test the best checkpoint, draw a report",
-            "hand_recon.runs.training_run:train", (),
-            ("resume", "start_from", "model.encoder.weights", *DATA_PATHS), together=True,
+            "hand_recon.runs.recorded_training:train_recorded", (),
+            ("resume", "from_run", "start_from", "model.encoder.weights", *DATA_PATHS), together=True,
+        ),
+        Verb(
+            "search", MODELS, "settings of a training by Optuna, scored on the validation hands",
+            "hand_recon.sweeps.search.run:search", (),
+            ("folder", "start_from", "model.encoder.weights", *DATA_PATHS),
         ),
         Verb(
             "evaluate", MODELS, "test a checkpoint on its own data or on another dataset",

@@ -29,6 +29,7 @@ from hand_recon.runs.configuration import instantiate
 from hand_recon.runs.observers import ConstantHand, ObservedTest, Observer
 from hand_recon.runs.trainer_arguments import trainer_arguments
 from hand_recon.runs.training_progress import is_interactive
+from hand_recon.runs.validation_scores import untested
 from hand_recon.runs.working_together import leave
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.module import HandReconstruction
@@ -78,6 +79,8 @@ def finish_run(run: Run) -> dict[str, Any]:
     Returns:
         What `metrics.json` holds; in other processes than the first, nothing.
     """
+    if not run.config.get("test", True):
+        return finish_untested(run)
     constant = None if run.mean_pose is None else ConstantHand(run.mean_pose, ALIGNED)
     scores = _test(run, constant)
     of_constant = {} if constant is None else constant.scores()
@@ -103,6 +106,16 @@ def finish_run(run: Run) -> dict[str, Any]:
             run.data.name,
         )
     _write_report(run, metrics)
+    return metrics
+
+
+def finish_untested(run: Run) -> dict[str, Any]:
+    """Score the validation hands in place of the test hands, and write that alone."""
+    leave()
+    if run.place.rank:
+        return {}
+    metrics = untested(run, environment())
+    write_json(run.folder / "metrics.json", metrics)
     return metrics
 
 

@@ -15,6 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from hand_recon.reading.naming import naming
 from hand_recon.reading.text import parse_json, parse_yaml, read_text
+from hand_recon.tables.member_record import MEMBER_FILE, State, read_member
 
 SETTINGS_FILE: Final = "config.yaml"
 """File of a run's resolved configuration, the first that a run writes."""
@@ -81,7 +82,8 @@ def default_folder(output: Path) -> Path:
 def run_folders(sources: Iterable[str | Path]) -> list[Path]:
     """Folders of runs below some folders, each once, sorted.
 
-    A run's folder holds settings or metrics; folders inside it are not searched.
+    A run's folder holds settings, metrics or the record of a run of a sweep; folders inside it are not
+    searched.
 
     Args:
         sources: Folders, or patterns with `*`, `?` and `**`.
@@ -93,7 +95,7 @@ def run_folders(sources: Iterable[str | Path]) -> list[Path]:
     for source in sources:
         for start in _matches(Path(source).expanduser()):
             for path, below, files in os.walk(start):
-                if SETTINGS_FILE in files or METRICS_FILE in files:
+                if {SETTINGS_FILE, METRICS_FILE, MEMBER_FILE} & set(files):
                     found.add(Path(path).absolute())
                     below.clear()
                 # Hydra keeps a config.yaml of its own in `.hydra`.
@@ -104,7 +106,7 @@ def run_folders(sources: Iterable[str | Path]) -> list[Path]:
 def read_run(folder: Path) -> FinishedRun | LeftOut:
     """Read a run's files; a run that cannot be in a table is returned with the reason."""
     if not (folder / METRICS_FILE).is_file():
-        return LeftOut(folder, f"unfinished: it has no {METRICS_FILE}")
+        return LeftOut(folder, _unfinished(folder))
     try:
         metrics = parse_json(read_text(folder / METRICS_FILE), METRICS_FILE)
         with naming(SETTINGS_FILE, "the settings of a run"):
@@ -135,6 +137,16 @@ def read_run(folder: Path) -> FinishedRun | LeftOut:
         mean_pose=_numbers(metrics.get("mean_pose")),
         per_hand=per_hand,
     )
+
+
+def _unfinished(folder: Path) -> str:
+    """Reason of a run without metrics, as the sweep that started it has noted it."""
+    record = read_member(folder)
+    if record is None or record.state == State.FINISHED:
+        return f"unfinished: it has no {METRICS_FILE}"
+    following = folder.with_name(f"{folder.name}__2")
+    again = f"; run again in {following.name}" if following.exists() else ""
+    return f"{record.told}{again}"
 
 
 def flattened(settings: Mapping[str, Any], above: str = "") -> dict[str, str]:

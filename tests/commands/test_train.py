@@ -158,18 +158,19 @@ def sweep(output: Path, cache: Path, *more: str) -> dict[str, object]:
     return {path.parent.name: json.loads(path.read_text())["test"] for path in found}
 
 
-def test_a_sweep_has_one_folder_per_run_named_by_its_overrides(tmp_path: Path, cache: Path) -> None:
-    first, second = sweep(tmp_path, cache)
+def test_runs_side_by_side_have_folders_named_by_their_overrides(
+    tmp_path: Path, cache: Path
+) -> None:
+    first, second = sweep(tmp_path, cache, "hydra.launcher.n_jobs=2")
     assert first.startswith("0_experiment-ablation_row1")
     assert second.startswith("1_experiment-ablation_row2")
 
 
+@pytest.mark.slow
 def test_runs_side_by_side_end_where_runs_in_turn_do(tmp_path: Path, cache: Path) -> None:
     for name in ("turn", "side"):
         (tmp_path / name).mkdir()
     in_turn = sweep(tmp_path / "turn", cache)
-    # Joblib's processes have processes of their own: that render, for the cache is new, and that load.
-    processes = ("data.render_workers=2", "workers=1")
-    launcher = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
-    fresh = tmp_path / "fresh"
-    assert sweep(tmp_path / "side", fresh, *processes, *launcher) == in_turn
+    # Runs have processes of their own: that render, for the cache is new, and that load.
+    processes = ("data.render_workers=2", "workers=1", "hydra.launcher.n_jobs=2")
+    assert sweep(tmp_path / "side", tmp_path / "fresh", *processes) == in_turn

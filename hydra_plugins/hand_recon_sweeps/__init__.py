@@ -1,0 +1,1 @@
+"""Launchers for Hydra, which looks for them in packages of this name (decision 95)."""
