@@ -3,6 +3,7 @@
 import json
 import logging
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import lightning
@@ -13,7 +14,7 @@ logger = logging.getLogger(__name__)
 
 
 class ReportToSearch(lightning.Callback):
-    """Reports the objective after each validation, and stops the training if the pruner says so.
+    """Report the objective after each validation, and stop the training if the pruner says so.
 
     Args:
         folder: Folder of the search.
@@ -29,27 +30,32 @@ class ReportToSearch(lightning.Callback):
     def on_validation_end(
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule
     ) -> None:
-        """Report the objective.
+        """Report the objective, and stop the training if the pruner says so."""
+        if trainer.sanity_checking or not trainer.is_global_zero:
+            return
+        scores = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        if self.tell(trainer.current_epoch, scores):
+            trainer.should_stop = True
+
+    def tell(self, epoch: int, scores: Mapping[str, float]) -> bool:
+        """Report the objective after an epoch; true if the training is to stop.
 
         Raises:
             ValueError: There is no such score.
         """
-        if trainer.sanity_checking or not trainer.is_global_zero:
-            return
-        if self.objective not in trainer.callback_metrics:
-            known = sorted(name for name in trainer.callback_metrics if name.startswith("val/"))
+        if self.objective not in scores:
+            known = sorted(name for name in scores if name.startswith("val/"))
             raise ValueError(
                 f"search.objective={self.objective}, which the validation hands have no score of. Known: "
                 f"{', '.join(known)}."
             )
-        value = float(trainer.callback_metrics[self.objective])
         trial = trial_of(open_study(self.folder), self.number)
-        epoch = trainer.current_epoch
         known_values = trial.study.get_trials(deepcopy=False)[self.number].intermediate_values
         # A trial that was interrupted and goes on may come to the same epoch twice.
-        if epoch not in known_values and math.isfinite(value):
-            trial.report(value, epoch)
-        if trial.should_prune():
-            logger.info("Trial %d ends at epoch %d: others are better there.", self.number, epoch)
-            trial.set_user_attr(PRUNED, epoch)
-            trainer.should_stop = True
+        if epoch not in known_values and math.isfinite(scores[self.objective]):
+            trial.report(scores[self.objective], epoch)
+        if not trial.should_prune():
+            return False
+        logger.info("Trial %d ends at epoch %d: others are better there.", self.number, epoch)
+        trial.set_user_attr(PRUNED, epoch)
+        return True
