@@ -10,22 +10,18 @@ from typing import Any, Final, NoReturn
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import InstantiationException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import MissingMandatoryValue
 
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
 from hand_recon.command_line.launched import error_prefix, launched_place
 from hand_recon.command_line.processor import collection_paused, share_processor
 from hand_recon.command_line.resolvers import register_resolvers
+from hand_recon.command_line.user_errors import USER_ERRORS, reason_of
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
 
-_USER_ERRORS: Final = (
-    ValueError, OSError, ModuleNotFoundError, MissingMandatoryValue, InstantiationException,
-)  # fmt: skip
 OF_OTHER_PROCESSES: Final = ("hydra.run.dir=.", "hydra.output_subdir=null")
 """Overrides of Hydra that make no folder and no file."""
 
@@ -123,12 +119,12 @@ def _task(verb: Verb) -> Callable[[DictConfig], Any]:
             return function(config)
         except BrokenPipeError as error:
             _end_quietly(error)
-        except _USER_ERRORS as error:
+        except USER_ERRORS as error:
             # In a sweep Hydra says which run failed.
             if HydraConfig.get().mode == RunMode.MULTIRUN or _wants_traceback(error):
                 raise
             prefix = error_prefix() if verb.together else "error"
-            sys.stderr.write(f"{prefix}: {_reason(error)}\n{_WHERE}\n")
+            sys.stderr.write(f"{prefix}: {reason_of(error)}\n{_WHERE}\n")
             raise SystemExit(1) from error
 
     return task
@@ -139,14 +135,6 @@ def _end_quietly(error: BrokenPipeError) -> NoReturn:
     # Python would complain when it flushes at its end.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     raise SystemExit(141) from error
-
-
-def _reason(error: Exception) -> str:
-    """Message of an error; for one that Hydra wraps, such as of a detector's file, the message inside."""
-    if isinstance(error, MissingMandatoryValue):
-        return f"{str(error).splitlines()[0]}. Give it as <name>=<value>."
-    cause = error.__cause__
-    return str(cause) if isinstance(error, InstantiationException) and cause else str(error)
 
 
 def _wants_traceback(error: Exception) -> bool:

@@ -7,6 +7,9 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from hand_recon.reading.image_header import announced_pixels
+from hand_recon.reading.limits import LIMITS, too_large
+
 logger = logging.getLogger(__name__)
 
 START_OF_SCAN, END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
@@ -22,11 +25,15 @@ def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decode_image(content: bytes) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Decode an RGB image; None if it is damaged or cut off.
+    """Decode an RGB image; None if it is damaged or cut off, or has more pixels than `image_pixels` of `LIMITS`.
 
     OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
     The markers cannot occur inside compressed data.
     """
+    pixels = announced_pixels(content)
+    if pixels is not None and pixels > LIMITS.image_pixels:
+        logger.warning("%s", too_large("An image", pixels, "image_pixels", "pixels"))
+        return None
     cut_off = content.rfind(END_OF_IMAGE) < content.rfind(START_OF_SCAN)
     if not content or (content.startswith(b"\xff\xd8") and cut_off):
         return None

@@ -68,7 +68,7 @@ class TrackerState:
                 for x, y, side, rotation in read["squares"]
             )
             return cls(regions, int(read["since_search"]), int(read["after_loss"]))
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, RecursionError, OverflowError) as error:
             raise ValueError(
                 f"Expected the state of a tracker, such as {cls((), 1).to_json()}, found {text[:80]!r}. "
                 "Start again from the first frame."

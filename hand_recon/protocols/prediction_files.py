@@ -83,7 +83,8 @@ def read_pair(predictions: Path, ground_truth: Path, protocol: Protocol) -> Pair
             f"{predictions} has {len(found.points)} frames and the ground truth in {ground_truth} "
             f"{len(expected.points)}. Predict every frame once, in the order of the ground truth."
         )
-    require_finite("landmarks", found.points.landmarks, found.ids)
+    with naming(predictions, "finite predictions of every frame"):
+        require_finite("landmarks", found.points.landmarks, found.ids)
     if protocol.frames not in (None, len(expected.points)):
         remarks.append(
             f"{len(expected.points)} frames are scored and not the {protocol.frames} of {protocol.name}: "
@@ -91,7 +92,8 @@ def read_pair(predictions: Path, ground_truth: Path, protocol: Protocol) -> Pair
         )
     mesh = found.points.vertices
     if mesh is not None:
-        require_finite("vertices", mesh, found.ids)
+        with naming(predictions, "finite predictions of every frame"):
+            require_finite("vertices", mesh, found.ids)
     return _with_common_vertices(expected.points, found.points, remarks, protocol)
 
 
@@ -169,7 +171,8 @@ def read_ground_truth(folder: Path, protocol: Protocol) -> PointFile:
     if protocol.is_text:
         metres = _annotated(PointFile(HandPoints(landmarks), ids))
         return PointFile(HandPoints(metres.points.landmarks / UNITS[protocol.unit]), metres.ids)
-    require_finite("ground-truth landmarks", landmarks, ids)
+    with naming(path, "finite ground truth of every frame"):
+        require_finite("ground-truth landmarks", landmarks, ids)
     return PointFile(HandPoints(landmarks, _true_vertices(mesh, len(landmarks))), ids)
 
 

@@ -46,6 +46,27 @@ def opened_zip(source: Path | io.BytesIO, name: object) -> Iterator[zipfile.ZipF
             raise ValueError(f"it is encrypted ({error})") from error
 
 
+def refuse_packed(path: Path) -> None:
+    """Refuse a checkpoint whose members are compressed, which PyTorch never writes: a bomb may be in them.
+
+    Args:
+        path: The file; one that is no zip archive passes.
+
+    Raises:
+        ValueError: A member is compressed, or the members are larger than the file.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with opened_zip(path, path) as archive:
+        packed = [one for one in archive.infolist() if one.compress_type != zipfile.ZIP_STORED]
+        size = sum(one.file_size for one in archive.infolist())
+    if packed or size > path.stat().st_size:
+        raise ValueError(
+            f"{path} is packed: it unpacks to {size:,} bytes. PyTorch writes checkpoints without "
+            "compression; take the original file."
+        )
+
+
 def load_array(content: bytes, name: object) -> np.ndarray:
     """Array of a `.npy` file's bytes; arrays of objects, which are pickles, are refused.
 

@@ -1,6 +1,7 @@
 """Text, JSON and YAML from elsewhere, within limits."""
 
 import io
+import itertools
 import json
 import re
 from collections import Counter
@@ -79,11 +80,24 @@ def parse_yaml(text: str, path: object) -> Any:  # noqa: ANN401  # any YAML
             `LIMITS` or endless.
     """
     with naming(path, "complete YAML"):
+        _refuse_brackets(text)
         content = yaml.load(text, Loader=_loader(text))  # noqa: S506  # safe ones both
         values = _values(content, {})
     if values > LIMITS.yaml_values:
         raise ValueError(too_large(path, values, "yaml_values", "values, references included"))
     return content
+
+
+def _refuse_brackets(text: str) -> None:
+    """Refuse brackets within brackets beyond what PyYAML would find out slowly.
+
+    Raises:
+        RecursionError: There are more than `_FLAT` levels.
+    """
+    if text.count("[") + text.count("{") > _FLAT:
+        steps = (1 if one in "[{" else -1 for one in re.findall(r"[\[\]{}]", text))
+        if max(itertools.accumulate(steps)) > _FLAT:
+            raise RecursionError
 
 
 def _loader(text: str) -> Any:  # noqa: ANN401  # PyYAML has no types

@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from hand_recon.reading.archives import refuse_packed
+from hand_recon.reading.naming import naming
 from hand_recon.regressor.efficientnet_lite import (
     MEAN,
     STANDARD_DEVIATION,
@@ -229,8 +231,16 @@ def _read(name: str, weights: str) -> dict[str, Tensor]:
             f"No file of weights at {path}. Give `model.encoder.weights` as `imagenet`, `none`, "
             f"or the path of a {name} state dict in its package's layout."
         )
-    loaded: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-    return loaded
+    expected = f"a state dict of {name} in its package's layout"
+    with naming(path, expected):
+        refuse_packed(path)
+        try:
+            loaded = torch.load(path, map_location="cpu", weights_only=True)
+        except (RuntimeError, LookupError, TypeError, AttributeError, AssertionError) as error:
+            raise ValueError(str(error)) from error
+        if not isinstance(loaded, dict) or not all(isinstance(one, Tensor) for one in loaded.values()):
+            raise ValueError(f"it holds a {type(loaded).__name__} of something else than tensors")
+        return loaded
 
 
 def _downloaded(name: str) -> dict[str, Tensor]:

@@ -25,6 +25,9 @@ SHIPPED: Final = Path(__file__).parent / "assets" / "lifter.safetensors"
 FORMAT: Final = "hand_recon lifter 1"
 """Name and version of the format, in the header."""
 
+LARGEST: Final = 8192
+"""Largest setting that is built: the network of a file from elsewhere is made before its weights are seen."""
+
 ENTRIES: Final = ("settings", "hand", "landmark_set", "weights")
 """Further entries that every header has."""
 
@@ -147,7 +150,7 @@ def _settings(path: Path, written: str) -> LifterSettings:
     known = asdict(LifterSettings())
     try:
         found = json.loads(written)
-    except ValueError:
+    except (ValueError, RecursionError):
         found = None
     kinds = {name: type(value) for name, value in found.items()} if isinstance(found, dict) else {}
     expected = {name: type(value) for name, value in known.items()}
@@ -161,10 +164,11 @@ def _settings(path: Path, written: str) -> LifterSettings:
 
 def _network(path: Path, settings: LifterSettings, hand: HandModel) -> Regressor:
     """Network of some settings; ValueError if there is none, such as one of width 0."""
-    if min(settings.width, settings.iterations) < 1 or settings.depth < 0:
+    sizes = settings.width, settings.iterations, settings.depth
+    if min(sizes[:2]) < 1 or settings.depth < 0 or max(sizes) > LARGEST:
         raise ValueError(
             f"{path} has the settings {json.dumps(asdict(settings))}; expected a width and a number of "
-            "iterations of 1 or more, and a depth of 0 or more. Make the file again with "
+            f"iterations of 1 or more, a depth of 0 or more, and none above {LARGEST}. Make the file again with "
             "`make shipped-lifter`, or use lifter=default."
         )
     return settings.build(hand)

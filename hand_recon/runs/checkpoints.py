@@ -3,6 +3,7 @@
 import copy
 import pickle
 import struct
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,13 @@ from typing import Any, Final
 
 import lightning
 import torch
+from hydra.errors import InstantiationException
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from hand_recon import __version__
 from hand_recon.evaluation.scores import HandPoints
+from hand_recon.reading.archives import refuse_packed
 from hand_recon.regressor.lifter_file import fingerprint
 from hand_recon.runs.building import build_module
 from hand_recon.runs.checkpoint_files import checkpoint_at
@@ -35,7 +39,7 @@ HAND_KEY: Final = "hand_recon_hand"
 
 _NO_PICKLE: Final = (
     pickle.UnpicklingError, EOFError, RuntimeError, LookupError, ValueError, TypeError, AttributeError,
-    struct.error,
+    struct.error, OverflowError, MemoryError, AssertionError, NotImplementedError, zipfile.BadZipFile,
 )  # fmt: skip
 """Errors of reading bytes that are no pickle: their first letters are taken for its instructions."""
 
@@ -94,6 +98,11 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
             f"{file} has no configuration of hand_recon in it (it has {sorted(checkpoint)}). "
             "Only checkpoints that hand_recon.train wrote can be read."
         )
+    if not isinstance(checkpoint[CONFIG_KEY], dict):
+        raise ValueError(
+            f"{file} has a {type(checkpoint[CONFIG_KEY]).__name__} in place of its configuration; expected a "
+            "checkpoint that hand_recon.train wrote."
+        )
     if _refers(checkpoint[CONFIG_KEY]):
         raise ValueError(
             f"{file} has a configuration with references (${{...}}) in it, which hand_recon never writes and "
@@ -109,6 +118,7 @@ def _loaded(file: Path) -> dict[str, Any]:
         ValueError: The file is none, or is damaged.
     """
     try:
+        refuse_packed(file)
         checkpoint = torch.load(file, map_location="cpu", weights_only=True)
     except _NO_PICKLE as error:
         raise ValueError(
@@ -160,6 +170,22 @@ def load_trained(
         ValueError: It names a target that is not trusted, or was trained with another version of the hand.
     """
     checkpoint, config = read_checkpoint(path)
+    try:
+        return _rebuilt(path, checkpoint, config, landmark_set, composed)
+    except (OmegaConfBaseException, InstantiationException, RuntimeError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"{path} cannot be rebuilt: its configuration or its weights are not those of a network that "
+            f"hand_recon.train wrote ({error}). Take another copy, or train again."
+        ) from error
+
+
+def _rebuilt(
+    path: str | Path,
+    checkpoint: dict[str, Any],
+    config: DictConfig,
+    landmark_set: str | None,
+    composed: DictConfig | None,
+) -> Trained:
     if landmark_set is not None:
         config.hand.landmark_set = landmark_set
     # The weights are in the checkpoint, so ImageNet weights are not downloaded.

@@ -263,7 +263,7 @@ def read_progress(path: Path) -> list[list[dict[str, Any]]]:
     for line in path.read_text(encoding="utf-8").split("\n")[:-1]:
         try:
             batches.append(json.loads(line))
-        except ValueError:
+        except (ValueError, RecursionError):
             break
     return batches
 

@@ -281,7 +281,7 @@ def _as_json(value: object) -> Any:  # noqa: ANN401  # any JSON
 def _read(mark: Path) -> dict[str, Any]:
     try:
         content = json.loads(mark.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
         raise FileExistsError(

@@ -198,12 +198,15 @@ def _read_per_hand(path: Path) -> PerHand | None:
         lines = list(csv.DictReader(stream))
     if not lines or "index" not in lines[0]:
         raise ValueError(f"{path.name} has no column `index`, or no hands")
-    index, first = np.unique([int(line["index"]) for line in lines], return_index=True)
-    errors = {
-        name: np.array([float(line[name] or "nan") for line in lines])[first]
-        for name in lines[0]
-        if name not in (None, "index")
-    }
+    names = [name for name in lines[0] if name not in (None, "index")]
+    if any(None in line or None in line.values() for line in lines):
+        raise ValueError("a line has more or fewer cells than the first one")
+    rows = np.array([[float(line[name] or "nan") for name in names] for line in lines])
+    numbers = [int(line["index"]) for line in lines]
+    if np.isinf(rows).any() or not all(0 <= number < 2**53 for number in numbers):
+        raise ValueError("an error is infinite, or an index is no position in a test set")
+    index, first = np.unique(numbers, return_index=True)
+    errors = {name: rows[first, column] for column, name in enumerate(names)}
     return PerHand(index, errors)
 
 

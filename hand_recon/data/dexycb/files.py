@@ -215,6 +215,7 @@ def _entry(path: Path, content: dict[str, Any], name: str) -> Any:  # noqa: ANN4
 
 def _number(path: Path, content: dict[str, Any], name: str) -> float:
     value = _entry(path, content, name)
-    if not isinstance(value, int | float):
-        raise ValueError(f"{path} has {name}: {value!r}, expected a number.")
+    # A whole number may be larger than any double.
+    if not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise ValueError(f"{path} has {name}: {value!r:.80}, expected a number.")
     return float(value)

@@ -116,11 +116,15 @@ def _entries(path: Path) -> list[dict[str, Any]]:
 
 
 def _numbers(path: Path, entry: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
+    expected = " × ".join(map(str, shape))
     try:
-        return np.array(entry[key], dtype=np.float64).reshape(shape)
+        numbers = np.array(entry[key], dtype=np.float64).reshape(shape)
     except (KeyError, ValueError, TypeError) as error:
-        expected = " × ".join(map(str, shape))
         raise ValueError(f"{path}: `{key}` must be {expected} numbers ({error}).") from error
+    # A keypoint may be missing, a box may not.
+    if np.isinf(numbers).any() or (key != "keypoints" and np.isnan(numbers).any()):
+        raise ValueError(f"{path}: `{key}` must be {expected} finite numbers. Correct or remove the file.")
+    return numbers
 
 
 def _side(path: Path) -> str | None:

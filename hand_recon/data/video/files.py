@@ -19,6 +19,7 @@ from hand_recon.data.video.capture import (
 )
 from hand_recon.data.video.frames import ASSUMED_RATE, Frame, FrameSource, VideoError
 from hand_recon.data.video.times import Clock
+from hand_recon.reading.limits import LIMITS, too_large
 
 logger = logging.getLogger(__name__)
 
@@ -51,6 +52,7 @@ class VideoFile(FrameSource):
         self._address = address
         self._opener = opener
         with released(self._opened()) as capture:
+            _refuse_huge_frames(name, capture)
             first = pixels_of(capture) if grabbed(capture) else None
             if first is None:
                 raise VideoError(_without_frames(name, capture))
@@ -125,6 +127,15 @@ def video_file(path: str | Path) -> VideoFile:
         ) from error
     # FFmpeg takes what is before a colon in a relative path for a protocol.
     return VideoFile(str(path.absolute()), shown(path))
+
+
+def _refuse_huge_frames(name: str, capture: Capture) -> None:
+    """Refuse a video by the size of its frames that its head announces, before one is decoded."""
+    width, height = (
+        capture.get(key) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    )
+    if width * height > LIMITS.frame_pixels:
+        raise VideoError(too_large(name, round(width * height), "frame_pixels", "pixels a frame"))
 
 
 def rate_of(capture: Capture) -> float | None:

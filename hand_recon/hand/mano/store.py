@@ -46,6 +46,10 @@ class ManoArrays:
     """Pose components about the mean pose, one per row, radians."""
 
 
+_ENTRIES: Final = {"side", "source_sha256", "left_shape_directions"}
+"""Further entries of a file's metadata."""
+
+
 @dataclass(frozen=True)
 class ManoFile:
     """One MANO hand and its origin."""
@@ -125,7 +129,8 @@ def read_file(path: Path) -> ManoFile:
             found = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except SafetensorError as error:
         metadata, found = {"format": f"unreadable by safetensors ({error})"}, {}
-    if metadata.get("format") != FORMAT or found.keys() != {f.name for f in fields(ManoArrays)}:
+    known = found.keys() == {f.name for f in fields(ManoArrays)} and _ENTRIES <= metadata.keys()
+    if metadata.get("format") != FORMAT or not known:
         raise ValueError(
             f"{path} is of the format {metadata.get('format')!r}, expected {FORMAT!r}. Make the file "
             f"with `python -m hand_recon.prepare mano <your file>`, from {_wanted()}."

@@ -64,6 +64,11 @@ def read_given(
     for path in _files(names):
         with naming(path, "3D hands"):
             parts.append(_read(path, reader, reading.fps))
+        if parts[-1].points.isinf().any():
+            raise ValueError(
+                f"{path} has infinite coordinates; expected metres, and nan or null for a point that is "
+                "missing. Correct these hands."
+            )
     return _in_sequences(joined_hands(parts), reading)
 
 

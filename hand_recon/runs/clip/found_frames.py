@@ -67,7 +67,7 @@ class FoundFrame:
                 TrackerState.from_json(read["state"]),
                 None if read["estimate"] is None else _estimate_from_json(read["estimate"]),
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, RecursionError, OverflowError, AttributeError) as error:
             raise ValueError(
                 f"Expected a frame with its hands, found {line[:80]!r} ({error!r}). Delete the unfinished "
                 "results, and start again."
