@@ -6,6 +6,7 @@ rotates some formats only, gives no metadata and reads no HEIC. Training reads i
 """
 
 import importlib
+import io
 import stat
 import threading
 import warnings
@@ -21,7 +22,7 @@ from PIL import Image, features
 
 from hand_recon.data.photos.colours import to_srgb
 from hand_recon.data.photos.exif import focal, orientation, to_upright
-from hand_recon.data.photos.formats import Kind, PhotoError, kind_of_file, shown
+from hand_recon.data.photos.formats import HEADER, Kind, PhotoError, kind_of, kind_of_file, shown
 
 LARGEST_PHOTO: Final = 210_000_000
 """Most pixels of a photograph: a little more than the 200 megapixels of the largest cameras of telephones."""
@@ -85,19 +86,44 @@ def read_photo(path: str | Path, largest: int | None = None) -> Photo:
     """
     path = Path(path)
     kind = _checked_kind(path)
+    with _damage_named(path, kind), path.open("rb") as stream:
+        return _read(stream, path, kind, largest)
+
+
+def read_photo_bytes(content: bytes, name: str | Path, largest: int | None = None) -> Photo:
+    """Read a photograph from the bytes of its file, as a table holds them; see `read_photo`.
+
+    Args:
+        content: The whole file.
+        name: Its name, for messages and as the photograph's path; it need not exist.
+        largest: As of `read_photo`.
+
+    Raises:
+        PhotoError: The bytes are no photograph, damaged, cut off, larger than `largest`, or HEIC without
+            pi-heif.
+    """
+    path = Path(name)
+    kind = _readable_kind(path, kind_of(content[:HEADER], path.suffix))
+    with _damage_named(path, kind):
+        return _read(io.BytesIO(content), path, kind, largest)
+
+
+@contextmanager
+def _damage_named(path: Path, kind: Kind) -> Iterator[None]:
+    """Turn every error of a decoder into a `PhotoError` that names the file."""
     try:
-        with (
-            _own_limit(),
-            path.open("rb") as stream,
-            Image.open(stream, formats=[kind.name]) as image,
-        ):
-            _check_size(path, image.size, largest or LARGEST_PHOTO)
-            return _decoded(image, path, kind)
+        yield
     except PhotoError:
         raise
     except Exception as error:
         # A damaged file can raise anything in its decoder.
         raise _damaged(path, kind, error) from error
+
+
+def _read(stream: io.BufferedIOBase, path: Path, kind: Kind, largest: int | None) -> Photo:
+    with _own_limit(), Image.open(stream, formats=[kind.name]) as image:
+        _check_size(path, image.size, largest or LARGEST_PHOTO)
+        return _decoded(image, path, kind)
 
 
 def _checked_kind(path: Path) -> Kind:
@@ -111,6 +137,11 @@ def _checked_kind(path: Path) -> Kind:
         raise PhotoError(
             f"Cannot open {shown(path)}: {error.strerror}. Check its name and permissions."
         ) from error
+    return _readable_kind(path, kind)
+
+
+def _readable_kind(path: Path, kind: Kind) -> Kind:
+    """The kind, if it is one that is read here."""
     if kind.refusal:
         raise PhotoError(f"{shown(path)} is no photograph that can be read. {kind.refusal}")
     if kind.name == "HEIF" and not _reads_heif():
