@@ -58,7 +58,7 @@ VERBS: Final = {
     for verb in (
         Verb(
             "predict", HANDS, "photographs in, 3D hands out; no training",
-            "hand_recon.runs.predict_run:predict", (),
+            "hand_recon.scale.start:predict", (),
             (
                 "output", "camera", "detector.landmarks", "detector.boxes", "detector.models", "lifter",
                 "ckpt", "hand.path",

@@ -64,7 +64,7 @@ def fit_landmarks(
             # Copied, since tensors of inference mode have no gradients.
             landmarks = points.select(slice(None))
         else:
-            landmarks = _image_landmarks(points, side or "right", intrinsics, confidence)
+            landmarks = image_landmarks(points, side or "right", intrinsics, confidence)
         if images is not None:
             files = tuple(None if one is None else Path(one) for one in images)
             landmarks = replace(landmarks, images=files)
@@ -97,13 +97,17 @@ def check_overrides(overrides: Sequence[str], command_only: frozenset[str], func
             )
 
 
-def _image_landmarks(
+def image_landmarks(
     points: Any,  # noqa: ANN401
     side: str | Sequence[str],
     intrinsics: Any,  # noqa: ANN401
     confidence: Any,  # noqa: ANN401
 ) -> ImageLandmarks:
-    """Check the arrays and make the record that is fitted to."""
+    """Check arrays of landmarks and make the record that is fitted to; arguments as of `fit_landmarks`.
+
+    Raises:
+        ValueError: Shapes, sides, cameras or confidences are not as there.
+    """
     if isinstance(points, torch.Tensor):
         points = points.detach().cpu()
     found = np.asarray(points, dtype=np.float64)

@@ -30,8 +30,9 @@ from hand_recon.runs.photo_checkpoint import gives_boxes_alone, with_network
 from hand_recon.runs.reconstructed_hands import ReconstructedHands, image_inputs
 
 COMMAND_ONLY: Final = frozenset(
-    {"camera", "ckpt", "input", "json", "name", "output", "results", "strict", "threads"}
-)
+    {"batch", "camera", "ckpt", "column", "engine", "input", "json", "name", "output", "part", "ray",
+     "results", "strict", "threads", "workers"}
+)  # fmt: skip
 """Settings of `hand-recon predict` that `reconstruct` does not read."""
 
 
