@@ -2,11 +2,14 @@
 
 import importlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from hand_recon.sweeps.attempts import Member, finished_attempt
-from hand_recon.sweeps.member_process import Ended, end_all, run_member
+from hand_recon.sweeps.member_process import Ended, end_all, run_member, wait_for_all
 from hand_recon.sweeps.places import Place
+
+GRACE: Final = 60.0
+"""Seconds that a training has for its last checkpoint."""
 
 
 @dataclass
@@ -28,4 +31,5 @@ class MemberJob:
         submitit calls it within a signal's handler, when the job is about to be ended.
         """
         end_all()
+        wait_for_all(GRACE)
         return importlib.import_module("submitit").helpers.DelayedSubmission(self)

@@ -1,6 +1,7 @@
 """Runs a member of a sweep in a process of its own, and notes in its folder how that ended."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import threading
@@ -74,10 +75,33 @@ def run_member(member: Member, place: Place) -> Ended:
 def end_all() -> None:
     """Send SIGTERM to every running member, which saves a checkpoint, and start no more."""
     _ending.set()
-    with _lock:
-        for process in _running:
-            with contextlib.suppress(ProcessLookupError):
-                process.send_signal(signal.SIGTERM)
+    # Without the lock, which the code that a signal interrupts may hold.
+    for process in tuple(_running):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGTERM)
+
+
+def wait_for_all(seconds: float) -> bool:
+    """Wait until every member's process has ended; false if some have not.
+
+    It may be called in a signal's handler while `run_member` waits: the exit status is left to that.
+
+    Args:
+        seconds: Longest wait.
+    """
+    until = time.monotonic() + seconds
+    running = [process.pid for process in _running]
+    while running and time.monotonic() < until:
+        running = [pid for pid in running if not _has_ended(pid)]
+        time.sleep(0.05 if running else 0)
+    return not running
+
+
+def _has_ended(pid: int) -> bool:
+    try:
+        return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+    except ChildProcessError:
+        return True
 
 
 def is_ending() -> bool:
@@ -111,6 +135,9 @@ def _started(words: list[str], place: Place, output: IO[bytes]) -> subprocess.Po
             words, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=place.environment()
         )
         _running.add(process)
+        if _ending.is_set():
+            # The signal came while it started.
+            process.terminate()
         return process
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from hand_recon.sweeps import member_process
 from hand_recon.sweeps.launching import launch, run_by_submitit, run_locally, table
-from hand_recon.sweeps.member_process import Ended, end_all, run_member
+from hand_recon.sweeps.member_process import Ended, end_all, run_member, wait_for_all
 from hand_recon.sweeps.places import Place
 from hand_recon.tables.member_record import ERROR_FILE, State, read_member
 from tests.support.member_scripts import finished_run, member, scripts
@@ -158,3 +158,32 @@ def test_end_all_without_members_is_no_error(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(member_process, "_ending", threading.Event())
     end_all()
     assert member_process.is_ending()
+
+
+def test_a_handler_can_wait_for_members_that_others_wait_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As submitit's handler does, while the interrupted code waits for the same process."""
+    monkeypatch.setattr(member_process, "_ending", threading.Event())
+    scripts(monkeypatch, "(folder / 'begun').touch()\nimport time\ntime.sleep(60)")
+    begun = tmp_path / "0" / "begun"
+    waited: list[bool] = []
+
+    def handle(number: int, frame: object) -> None:
+        waited.append(wait_for_all(0.1))
+        end_all()
+        waited.append(wait_for_all(30))
+
+    def send() -> None:
+        while not begun.exists():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGUSR2)
+
+    before = signal.signal(signal.SIGUSR2, handle)
+    sender = threading.Thread(target=send)
+    sender.start()
+    ended = run_member(member(tmp_path, "0", "x"), Place())
+    sender.join()
+    signal.signal(signal.SIGUSR2, before)
+    assert waited == [False, True]
+    assert (ended.state, ended.told) == ("killed", "ended by SIGTERM")
