@@ -74,4 +74,4 @@ def open_index(path: Path, hands: int, shard_bytes: int) -> np.ndarray:
 
 
 CURE: Final = "Copy or download the shards again, or make them anew with hand-recon prepare shards."
-"""What to do about a damaged shard."""
+"""Advice on damaged shards, for messages."""

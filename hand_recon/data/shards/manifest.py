@@ -75,7 +75,7 @@ class Manifest:
     name: str
     """Name of the dataset."""
     around: str
-    """What the boxes of the hands are around: `joints` or `box` (`LandmarkRecipe`)."""
+    """Kind of the hands' boxes: `joints` or `box`, as of `LandmarkRecipe.crop`."""
     groups: int
     """Number of groups of images that stay in one split."""
     shards: tuple[Shard, ...]
