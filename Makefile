@@ -11,7 +11,7 @@ UV := VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/uv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all soak lint format lock asset docs docs-images clean
+.PHONY: help env example train smoke photos table1-photos table3-photos fewer-photos rendered-photos lifter shipped-lifter table1 table1-fit benchmark test test-all soak fuzz lint format lock asset docs docs-images clean
 
 help:  ## Show this list.
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "  make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -106,6 +106,11 @@ KILLS ?= 100
 
 soak: $(STAMP)  ## Kill trainings at random steps, KILLS=100 times in all, continue them, and compare every bit.
 	OMP_NUM_THREADS=1 $(BIN)/python tools/soak_resume.py --kills $(KILLS) $(ARGS)
+
+FUZZ_SECONDS ?= 300
+
+fuzz: $(STAMP)  ## Feed mutated files to every reader, FUZZ_SECONDS=300; findings are saved in outputs/fuzz.
+	OMP_NUM_THREADS=1 $(BIN)/python tools/fuzz_readers.py --seconds $(FUZZ_SECONDS) $(ARGS)
 
 lint: $(STAMP)  ## Check format, style, types, spelling, import direction and file sizes.
 	$(BIN)/ruff format --check

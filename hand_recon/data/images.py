@@ -25,7 +25,7 @@ def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decode_image(content: bytes) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Decode an RGB image; None if it is damaged or cut off, or has more pixels than `image_pixels` of `LIMITS`.
+    """Decode an RGB image; None if it is damaged, cut off or larger than `image_pixels` of `LIMITS`.
 
     OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
     The markers cannot occur inside compressed data.

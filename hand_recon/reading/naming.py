@@ -4,6 +4,7 @@ import csv
 import lzma
 import pickle
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ import yaml
 DAMAGE: Final = (
     RecursionError, MemoryError, OverflowError, EOFError, NotImplementedError, csv.Error, yaml.YAMLError,
     struct.error, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError,
-    pickle.UnpicklingError,
+    pickle.UnpicklingError, tokenize.TokenError,
 )  # fmt: skip
 """Errors of parsers and of libraries on damaged or hostile files that are no ValueError."""
 
@@ -47,8 +48,9 @@ def naming(path: object, expected: str) -> Iterator[None]:
         yield
     except DAMAGE as error:
         raise ValueError(_message(path, expected, error)) from error
-    except ValueError as error:
-        if str(path) in str(error):
+    except (ValueError, OSError) as error:
+        # Errors of opening a file name it; an OSError without a file is a place that an archive points to.
+        if str(path) in str(error) or getattr(error, "filename", None) is not None:
             raise
         raise ValueError(_message(path, expected, error)) from error
 

@@ -238,7 +238,9 @@ def _read(name: str, weights: str) -> dict[str, Tensor]:
             loaded = torch.load(path, map_location="cpu", weights_only=True)
         except (RuntimeError, LookupError, TypeError, AttributeError, AssertionError) as error:
             raise ValueError(str(error)) from error
-        if not isinstance(loaded, dict) or not all(isinstance(one, Tensor) for one in loaded.values()):
+        if not isinstance(loaded, dict) or not all(
+            isinstance(one, Tensor) for one in loaded.values()
+        ):
             raise ValueError(f"it holds a {type(loaded).__name__} of something else than tensors")
         return loaded
 

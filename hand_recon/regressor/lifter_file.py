@@ -168,8 +168,8 @@ def _network(path: Path, settings: LifterSettings, hand: HandModel) -> Regressor
     if min(sizes[:2]) < 1 or settings.depth < 0 or max(sizes) > LARGEST:
         raise ValueError(
             f"{path} has the settings {json.dumps(asdict(settings))}; expected a width and a number of "
-            f"iterations of 1 or more, a depth of 0 or more, and none above {LARGEST}. Make the file again with "
-            "`make shipped-lifter`, or use lifter=default."
+            f"iterations of 1 or more, a depth of 0 or more, and none above {LARGEST}. Make the file again "
+            "with `make shipped-lifter`, or use lifter=default."
         )
     return settings.build(hand)
 

@@ -43,6 +43,11 @@ _NO_PICKLE: Final = (
 )  # fmt: skip
 """Errors of reading bytes that are no pickle: their first letters are taken for its instructions."""
 
+_NOT_OURS: Final = (
+    OmegaConfBaseException, InstantiationException, RuntimeError, KeyError, TypeError,
+)  # fmt: skip
+"""Errors of building a network from a configuration, or filling it with weights, that are not its own."""
+
 BUILT: Final = ("hand", "model", "prior", "data_term", "supervision", "data")
 """Parts of a checkpoint's configuration that are built again when it is loaded or evaluated."""
 
@@ -172,7 +177,7 @@ def load_trained(
     checkpoint, config = read_checkpoint(path)
     try:
         return _rebuilt(path, checkpoint, config, landmark_set, composed)
-    except (OmegaConfBaseException, InstantiationException, RuntimeError, KeyError, TypeError) as error:
+    except _NOT_OURS as error:
         raise ValueError(
             f"{path} cannot be rebuilt: its configuration or its weights are not those of a network that "
             f"hand_recon.train wrote ({error}). Take another copy, or train again."

@@ -238,8 +238,10 @@ def zipped(name: str, content: bytes) -> bytes:
 
 
 def _audited() -> list[FileReader]:
+    hand = cache(open_hand)
+
     def read(path: Path) -> object:
-        return read_given([path], open_hand(), None, Reading())
+        return read_given([path], hand(), None, Reading())
 
     rows: list[list[object]] = [[f"{axis}{n}" for n in range(21) for axis in "xyz"]]
     rows += [list(hand.ravel()) for hand in POINTS_3D]

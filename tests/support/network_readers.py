@@ -36,6 +36,9 @@ from tests.support.video_files import write_clip
 PIXELS: Final = np.random.default_rng(0).integers(0, 255, (40, 60, 3), dtype=np.uint8)
 
 
+_hand = cache(open_hand)
+
+
 def _image(suffix: str) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(PIXELS).save(stream, suffix)
@@ -148,7 +151,7 @@ READERS: Final[dict[str, FileReader]] = {
         ),
         FileReader(
             "lifter", "binary", f"{STEM}.safetensors", _lifter,
-            lambda path: load_named(str(path), open_hand()),
+            lambda path: load_named(str(path), _hand()),
         ),
         FileReader(
             "MANO, pickle", "binary", f"{STEM}.pkl", _mano_pickle,
@@ -163,7 +166,7 @@ READERS: Final[dict[str, FileReader]] = {
         ),
         FileReader(
             "HO3D", "binary", f"{STEM}.pkl", _meta,
-            lambda path: read_given([path], open_hand(), None, Reading()),
+            lambda path: read_given([path], _hand(), None, Reading()),
         ),
         FileReader(
             "DexYCB", "yaml", f"{STEM}/calibration/intrinsics/{SERIALS[0]}_640x480.yml", _camera,

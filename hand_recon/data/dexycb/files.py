@@ -164,7 +164,11 @@ def read_betas(root: Path, calibration: str) -> Float[np.ndarray, " direction=10
         ValueError: It has not ten numbers.
     """
     path = root / "calibration" / f"mano_{calibration}" / "mano.yml"
-    betas = np.asarray(_entry(path, _read_yaml(path), "betas"), dtype=np.float64)
+    given = _entry(path, _read_yaml(path), "betas")
+    try:
+        betas = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{path} has betas {_SHORT.repr(given)}, expected ten numbers.") from error
     if betas.shape != (10,):
         raise ValueError(f"{path} has betas of shape {list(betas.shape)}, expected ten numbers.")
     return betas
@@ -181,9 +185,13 @@ def _read_grasp(folder: Path, subject: int, index: int) -> Grasp:
     calibrations = _entry(path, meta, "mano_calib")
     if not (isinstance(frames, int) and frames >= 0):
         raise ValueError(f"{path} has num_frames: {frames!r}, expected a whole number.")
-    if not sides or sides[0] not in ("left", "right"):
+    if not isinstance(sides, list) or not sides or sides[0] not in ("left", "right"):
         raise ValueError(f"{path} has mano_sides: {sides!r}, expected [right] or [left].")
-    if not calibrations or not isinstance(calibrations[0], str):
+    if (
+        not isinstance(calibrations, list)
+        or not calibrations
+        or not isinstance(calibrations[0], str)
+    ):
         raise ValueError(f"{path} has mano_calib: {calibrations!r}, expected the name of one.")
     return Grasp(subject, index, folder, frames, sides[0] == "left", calibrations[0])
 
@@ -207,13 +215,14 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def _entry(path: Path, content: dict[str, Any], name: str) -> Any:  # noqa: ANN401  # whatever YAML holds
-    if name not in content:
-        raise ValueError(f"{path} has no {name!r}; it has {sorted(content)}. Unpack it again.")
+def _entry(path: Path, content: object, name: str) -> Any:  # noqa: ANN401  # whatever YAML holds
+    if not isinstance(content, dict) or name not in content:
+        shown = _SHORT.repr(list(content) if isinstance(content, dict) else content)
+        raise ValueError(f"{path} has no {name!r}; it has {shown}. Unpack it again.")
     return content[name]
 
 
-def _number(path: Path, content: dict[str, Any], name: str) -> float:
+def _number(path: Path, content: object, name: str) -> float:
     value = _entry(path, content, name)
     # A whole number may be larger than any double.
     if not isinstance(value, int | float) or not abs(value) < 1e300:

@@ -123,7 +123,9 @@ def _numbers(path: Path, entry: dict[str, Any], key: str, shape: tuple[int, ...]
         raise ValueError(f"{path}: `{key}` must be {expected} numbers ({error}).") from error
     # A keypoint may be missing, a box may not.
     if np.isinf(numbers).any() or (key != "keypoints" and np.isnan(numbers).any()):
-        raise ValueError(f"{path}: `{key}` must be {expected} finite numbers. Correct or remove the file.")
+        raise ValueError(
+            f"{path}: `{key}` must be {expected} finite numbers. Correct or remove the file."
+        )
     return numbers
 
 

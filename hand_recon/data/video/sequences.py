@@ -87,9 +87,15 @@ class Animation(FrameSource):
                 f"{self.name} is no animated GIF, PNG or WebP; expected several frames. Give it as a "
                 "photograph."
             )
-        with Image.open(self._path) as image:
-            self.size = image.size
-            self.count_hint = getattr(image, "n_frames", None)
+        try:
+            with Image.open(self._path, formats=ANIMATED) as image:
+                self.size = image.size
+                self.count_hint = getattr(image, "n_frames", None)
+        except Exception as error:
+            # A damaged file can raise anything in its decoder.
+            raise VideoError(
+                f"{self.name} is damaged ({error}). Copy or download it again."
+            ) from error
 
     def frames(self, first: int = 0) -> Iterator[Frame]:
         """Iterate over the frames; see `FrameSource.frames`."""

@@ -129,7 +129,7 @@ def read_file(path: Path) -> ManoFile:
             found = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except SafetensorError as error:
         metadata, found = {"format": f"unreadable by safetensors ({error})"}, {}
-    known = found.keys() == {f.name for f in fields(ManoArrays)} and _ENTRIES <= metadata.keys()
+    known = found.keys() == {f.name for f in fields(ManoArrays)} and metadata.keys() >= _ENTRIES
     if metadata.get("format") != FORMAT or not known:
         raise ValueError(
             f"{path} is of the format {metadata.get('format')!r}, expected {FORMAT!r}. Make the file "

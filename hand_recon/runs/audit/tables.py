@@ -46,6 +46,11 @@ def read_table(path: Path) -> GivenHands:
             )
     table = np.array([[_number(cell) for cell in row] for row in body]).reshape(len(body), width)
     columns = _columns(header)
+    if columns is not None and body and max(columns) >= width:
+        raise ValueError(
+            f"{path} has {width} cells in its rows and {len(header)} names of columns; expected as many. "
+            "Complete the rows, with nan for what is missing."
+        )
     if columns is None:
         kept = [i for i in range(width) if not _is_text([row[i] for row in body])]
         _refuse_trailing(path, kept, width)

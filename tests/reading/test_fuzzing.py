@@ -1,0 +1,88 @@
+"""Mutated files of every kind end in a clear error or a result; `make fuzz` does this a million times."""
+
+import random
+from pathlib import Path
+from typing import Final
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fuzz_readers import Row, fuzz, mutated
+from tests.support.fuzzed import PARSERS, Parser, outcome_of
+
+CHEAP: Final = (
+    "JSON",
+    "YAML",
+    "npy",
+    "npz",
+    "pickle",
+    "headers of images",
+    "limits",
+    "tracker's state",
+)
+"""Parsers of bytes in memory."""
+
+
+def kept(content: bytes) -> Path:
+    """Names a finding; the message of the test has its bytes."""
+    return Path(repr(content[:2000]))
+
+
+@pytest.mark.parametrize("name", PARSERS)
+def test_mutated_files_end_in_a_clear_error_or_a_result(name: str) -> None:
+    row = fuzz(PARSERS[name], 2.0, 40, 7, kept)
+    assert not row.findings, "\n".join(row.findings)
+    assert row.refused + row.accepted == row.executions > 0
+
+
+@pytest.mark.parametrize("name", CHEAP)
+@given(content=st.binary(max_size=200))
+@settings(max_examples=30)
+def test_any_bytes_end_in_a_clear_error_or_a_result(name: str, content: bytes) -> None:
+    assert not outcome_of(PARSERS[name], content).finding
+
+
+def _careless(content: bytes) -> object:
+    if content.startswith(b"ab"):
+        return [][0]
+    raise ValueError("input: refused")
+
+
+def test_the_fuzzer_finds_what_a_careless_parser_raises_and_an_error_without_the_files_name() -> (
+    None
+):
+    row = fuzz(Parser("careless", _careless, lambda: [b"abc", b"x"]), 5.0, 50, 0, kept)
+    assert isinstance(row, Row)
+    assert ["IndexError" in finding for finding in row.findings] == [True]
+    assert row.refused > 0
+
+    def unnamed(content: bytes) -> object:
+        raise ValueError("refused")
+
+    found = fuzz(Parser("unnamed", unnamed, lambda: [b"a"]), 5.0, 5, 0, kept).findings
+    assert len(found) == 1
+    assert "unnamed: refused" in found[0]
+
+
+REGRESSIONS: Final = {
+    "npy": b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((\n",
+    "camera, YAML": b"[" * 100_000,
+    "DexYCB": b"color: null\n",
+    "audit, table": b"x0,y0,z0,x1,y1,z1\n1,2\n",
+    "predictions, zip": b"PK\x05\x06" + bytes(8) + b"\xff" * 8 + bytes(2),
+    "camera, XML": b"<?xml version='1.0'?><opencv_storage>" + b"<a>" * 100_000,
+}
+"""Inputs that ended with a traceback, or ended the process, before."""
+
+
+@pytest.mark.parametrize("name", REGRESSIONS)
+def test_what_was_found_once_is_refused(name: str) -> None:
+    outcome = outcome_of(PARSERS[name], REGRESSIONS[name])
+    assert not outcome.finding
+    assert not outcome.accepted
+
+
+def test_mutations_depend_on_the_seed_alone() -> None:
+    made = [mutated(b"abcdef" * 9, [b"xyz"], random.Random(4)) for _ in range(2)]  # noqa: S311
+    assert made[0] == made[1]
