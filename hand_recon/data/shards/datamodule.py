@@ -11,7 +11,7 @@ from hand_recon.data.datamodule import HandDataset
 from hand_recon.data.image_datamodule import ImageDataModule
 from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.data.shards.order import Mixing, ShardShuffle
-from hand_recon.data.shards.splits import ShardRecipe, ShardSplits
+from hand_recon.data.shards.splits import ShardRecipe, ShardSplits, check_cache
 from hand_recon.schema import HandSample
 
 
@@ -40,7 +40,9 @@ class ShardDataModule(ImageDataModule):
         dataset = self.dataset("train")
         if self.recipe.order != "shards" or not isinstance(dataset, ShardedImages):
             return super().train_dataloader()
-        processes = self.trainer.world_size if self.trainer is not None else 1
+        trainer = self.trainer
+        check_cache(dataset.rows, self.recipe, trainer.num_devices if trainer is not None else 1)
+        processes = trainer.world_size if trainer is not None else 1
         mixing = Mixing(
             self.recipe.shards_at_once, self.recipe.streams or processes, self.batch_size
         )

@@ -18,7 +18,6 @@ from hand_recon.data.shards.dataset import ShardedImages, ShardRows
 from hand_recon.data.shards.manifest import (
     LARGEST_MANIFEST,
     MANIFEST,
-    Manifest,
     manifest_of_folder,
     read_manifest,
 )
@@ -190,19 +189,28 @@ class ShardSplits:
         web = Web(recipe.attempts)
         manifest = read_manifest(web.content(url, LARGEST_MANIFEST), url)
         whole = int(recipe.cache_gb * 1e9) if recipe.order == "shards" else None
-        if whole is not None:
-            _check_cache(url, manifest, whole, recipe.shards_at_once)
         cache = recipe.reading.folder.parent / "shards"
         return WebStore(url, manifest, cache, web, whole=whole)
 
 
-def _check_cache(url: str, manifest: Manifest, limit: int, at_once: int) -> None:
-    """Refuse a cache that cannot hold the shards that are mixed, and would download each of them again."""
-    largest = max(shard.tar.bytes for shard in manifest.shards)
-    needed = (at_once + 1) * largest
-    if needed > limit:
+def check_cache(rows: ShardRows, recipe: ShardRecipe, processes: int) -> None:
+    """Refuse a cache that cannot hold the shards that are mixed, and would download each of them again.
+
+    Args:
+        rows: Training hands.
+        recipe: Settings, with `order=shards`.
+        processes: Processes of this machine that share the cache.
+
+    Raises:
+        ValueError: It cannot.
+    """
+    remote = [store for store in rows.stores if isinstance(store, WebStore)]
+    sizes = [shard.tar.bytes for store in remote for shard in store.manifest.shards]
+    shards = min((recipe.shards_at_once + 1) * processes, len(sizes))
+    needed = shards * max(sizes, default=0) / 1e9
+    if needed > recipe.cache_gb:
         raise ValueError(
-            f"{url} has shards of up to {largest / 1e9:.2f} GB, {at_once + 1} of which are needed at a "
-            f"time, and cache_gb={limit / 1e9:g}. Set data.cache_gb={np.ceil(needed / 1e9):.0f} or more, or "
+            f"{remote[0].where} has shards of up to {max(sizes) / 1e6:.3g} MB, {shards} of which are needed "
+            f"at a time, and cache_gb={recipe.cache_gb:g}. Set data.cache_gb={1.05 * needed:.2g} or more, or "
             "a smaller data.shards_at_once."
         )

@@ -9,9 +9,10 @@ import torch
 
 from hand_recon.data.datamodule import HandDataset, load_batch
 from hand_recon.data.shards.cache import BoundedCache
+from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.data.shards.manifest import ShardFile
 from hand_recon.data.shards.remote import Web
-from hand_recon.data.shards.splits import ShardRecipe
+from hand_recon.data.shards.splits import ShardRecipe, check_cache
 from tests.support.shard_folders import data_of
 from tests.support.shard_server import Served, serving
 
@@ -68,8 +69,16 @@ def test_whole_shards_are_downloaded_once(
 def test_a_cache_that_cannot_hold_the_mixed_shards_is_refused(
     served: Served, tmp_path: Path
 ) -> None:
-    with pytest.raises(ValueError, match=r"5 of which are needed at a time, and cache_gb=1e-05"):
-        data_of(served.url, tmp_path, order="shards", cache_gb=1e-5).dataset("train")
+    data = data_of(served.url, tmp_path, order="shards", cache_gb=4e-5)
+    # Three shards of up to 19.5 kB: all are needed for four at a time, or for one at a time in two processes.
+    with pytest.raises(ValueError, match=r"3 of which are needed at a time, and cache_gb=4e-05"):
+        data.train_dataloader()
+    dataset = data.dataset("train")
+    assert isinstance(dataset, ShardedImages)
+    recipe = ShardRecipe(served.url, order="shards", cache_gb=4e-5, shards_at_once=1)
+    check_cache(dataset.rows, recipe, 1)
+    with pytest.raises(ValueError, match="3 of which are needed"):
+        check_cache(dataset.rows, recipe, 2)
 
 
 def test_the_file_used_longest_ago_makes_room(tmp_path: Path) -> None:

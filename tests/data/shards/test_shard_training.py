@@ -14,7 +14,9 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
 from hand_recon.data.shards.dataset import ShardedImages
+from hand_recon.runs.building import build_data
 from hand_recon.schema import HandBatch
+from tests.support.configurations import composed
 from tests.support.shard_folders import IMAGES, SIZE, changed_manifest, data_of, shards
 
 
@@ -153,3 +155,14 @@ def test_a_group_beyond_those_of_the_manifest_is_refused(
     changed_manifest(folder, lambda content: content.update(groups=2))
     with pytest.raises(ValueError, match=r"has the group 3 in an index, .* there are 2 groups"):
         data_of(folder).dataset("train")
+
+
+def test_shards_are_a_part_of_a_mixture(shard_folder: Path) -> None:
+    config = composed(
+        "data=mixture", "data@data.parts.landmarks=shards", "data@data.parts.freihand=shards",
+        f"data.parts.landmarks.train='{shard_folder}'", f"data.parts.freihand.train='{shard_folder}'",
+        "crop_size=48", "data.batch_size=8", "paths.cache=null",
+    )  # fmt: skip
+    batch = next(batches(build_data(config)))
+    assert len(batch) == 8
+    assert {name.split(":")[0] for name in batch.source} == {"landmarks", "freihand"}
