@@ -5,7 +5,7 @@ import json
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
 from rich.table import Table
@@ -87,7 +87,7 @@ def _rows(outcome: Outcome) -> list[dict[str, str]]:
         {
             "trial": str(one.number),
             "state": one.state.name.lower(),
-            outcome.searched.objective: "" if one.value is None else f"{one.value:.6g}",
+            outcome.searched.objective: "" if one.value is None else f"{one.value:.4f}",
             **{name: _number(one.params.get(name)) for name in outcome.searched.space},
             "note": _note(one),
         }
@@ -122,7 +122,8 @@ def _table(outcome: Outcome) -> Table:
     table = Table(title=f"{len(outcome.trials)} trials: {told}")
     rows = _rows(outcome)
     for name in rows[0] if rows else ():
-        table.add_column(name, justify="left" if name in ("state", "note") else "right")
+        justify: Literal["left", "right"] = "left" if name in ("state", "note") else "right"
+        table.add_column(name, justify=justify, overflow="fold")
     best = outcome.complete[0].number if outcome.complete else None
     for row in rows:
         table.add_row(*row.values(), style="bold" if row["trial"] == str(best) else None)

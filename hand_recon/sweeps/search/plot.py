@@ -64,5 +64,7 @@ def _draw_setting(axes: Axes, name: str, outcome: "Outcome", done: Sequence[Any]
     axes.plot(values[place : place + 1], [best.value], "*", markersize=14, color="tab:orange")
     if outcome.searched.space[name].get("log"):
         axes.set_xscale("log")
+        # Numbers within a decade stand close beside each other.
+        axes.tick_params(axis="x", which="both", labelsize=7, rotation=40)
     axes.set(xlabel=name, ylabel=outcome.searched.objective)
     axes.grid(visible=True, alpha=0.3)
