@@ -50,7 +50,9 @@ def test_what_a_user_composes_may_call_anything_that_hydra_allows() -> None:
 
 
 def test_every_target_of_the_configuration_may_be_called() -> None:
-    texts = [path.read_text() for path in Path(CONF).rglob("*.yaml")]
+    # Those of Hydra itself, such as launchers, are in no checkpoint.
+    files = (path for path in Path(CONF).rglob("*.yaml") if "hydra" not in path.parts)
+    texts = [path.read_text() for path in files]
     named = {target for text in texts for target in re.findall(r"_target_: (\S+)", text)}
     assert named <= TRUSTED
     assert "hand_recon.regressor.error_feedback.Regressor" in named
