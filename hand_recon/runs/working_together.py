@@ -154,7 +154,10 @@ def _all_succeed(function: Callable[[], Result]) -> list[Result]:
     everyone: list[Any] = process_group.gathered((True, value), patient=True)
     if not all(succeeded for succeeded, _ in everyone):
         raise SystemExit(1)
-    return [result for _, result in everyone]
+    results = [result for _, result in everyone]
+    # Its own is the object itself, not a copy.
+    results[process_group.rank()] = value
+    return results
 
 
 def _form_group(place: Place, wait: timedelta, store: TCPStore | None) -> None:

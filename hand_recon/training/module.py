@@ -19,6 +19,7 @@ from hand_recon.knowledge.prior import Prior
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.epoch_losses import LOSSES
+from hand_recon.training.mean_losses import MeanLosses
 from hand_recon.training.non_finite import refuse_non_finite
 from hand_recon.training.supervision import Landmarks3D
 from hand_recon.uncertainty import DataTerm
@@ -87,6 +88,7 @@ class HandReconstruction(lightning.LightningModule):
         self.supervision = supervision
         self.located_weight = located_weight
         self.validation = scores()
+        self._validation_losses = MeanLosses()
         self.test = scores()
 
     @property
@@ -218,11 +220,16 @@ class HandReconstruction(lightning.LightningModule):
         losses["selection"] = losses["loss"] + STAGE_LEFT * stages_left
         # Nor are generator losses of different epochs, since the discriminator has changed between them.
         losses["selection"] = losses["selection"] - losses.get("weighted/adversarial", 0.0)
-        self._log("val", losses, len(batch))
+        self._validation_losses.add(
+            {name: value.detach() for name, value in losses.items()}, len(batch)
+        )
         self.validation.update(batch, prediction)
 
     def on_validation_epoch_end(self) -> None:
-        """Log the validation scores and reset them."""
+        """Log the validation losses and scores, and reset them."""
+        for name, mean in self._validation_losses.means().items():
+            self.log(f"val/{name}", mean, prog_bar=name == "loss")
+        self._validation_losses.reset()
         self.log_dict({f"val/{name}": value for name, value in self.validation.compute().items()})
         self.validation.reset()
 
@@ -255,19 +262,6 @@ class HandReconstruction(lightning.LightningModule):
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": scheduler, "interval": "step"},
         }
-
-    def _log(self, stage: str, losses: dict[str, Tensor], batch_size: int) -> None:
-        # Lightning averages over the epoch and over devices; the sums stay on the device until then.
-        for name, value in losses.items():
-            self.log(
-                f"{stage}/{name}",
-                value.detach(),
-                on_step=False,
-                on_epoch=True,
-                prog_bar=name == "loss",
-                batch_size=batch_size,
-                sync_dist=True,
-            )
 
 
 def reference_residual(

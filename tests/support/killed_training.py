@@ -78,7 +78,7 @@ def start(
         overrides: Further settings.
         death: The signal that it sends itself; none trains to the end.
     """
-    process = context().Process(target=_train, args=(cache, folder, overrides, death))
+    process = context().Process(target=train_killed, args=(cache, folder, overrides, death))
     process.start()
     return process
 
@@ -91,7 +91,10 @@ def status(process: ForkServerProcess) -> int:
     return code
 
 
-def _train(cache: Path, folder: Path, overrides: tuple[str, ...], death: Death | None) -> None:
+def train_killed(
+    cache: Path, folder: Path, overrides: tuple[str, ...], death: Death | None
+) -> None:
+    """Train in this process; see `start`."""
     logging.disable(logging.WARNING)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     # Loading processes as a command starts them: those of a server of forks would outlive a kill.
