@@ -2,22 +2,18 @@
 
 python tools/fuzz_readers.py --seconds 300 --readers hands camera
 
-Inputs are valid files and damaged ones of `tests/support`, mutated. Without atheris, an input is kept for
-further mutations if reading it ends at a place in the code, or with a message, that no earlier one had; with
-`--engine atheris` (pip install atheris), libFuzzer keeps those that reach new code. There is a row for each
-reader. Inputs that end in anything else than a clear error are saved in the folder of findings, and the exit
-status is 1.
+Inputs are valid files and damaged ones of `tests/support`, mutated. An input is kept for further mutations if
+reading it ends at a place in the code that no earlier one ended at. There is a row for each reader. Inputs
+that end in anything else than a clear error are saved in the folder of findings, and the exit status is 1.
 """
 
 import argparse
 import faulthandler
-import importlib
 import logging
 import os
 import random
 import re
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -114,34 +110,6 @@ def fuzz(
     return row
 
 
-def fuzz_with_atheris(
-    parser: Parser, seconds: float, most: int, save: Callable[[bytes], Path]
-) -> None:
-    """Fuzz in this process by libFuzzer, which ends it."""
-    atheris = importlib.import_module("atheris")
-
-    atheris.instrument_all()
-    row = Row()
-    started = time.monotonic()
-
-    def one(content: bytes) -> None:
-        outcome = outcome_of(parser, content)
-        row.executions += 1
-        row.accepted += outcome.accepted
-        row.refused += not outcome.accepted and not outcome.finding
-        if outcome.finding:
-            row.findings.append(f"{outcome.finding} [{save(content)}]")
-        if row.executions >= most or time.monotonic() - started > seconds:
-            print(line(parser.name, row), flush=True)
-            os._exit(1 if row.findings else 0)
-
-    with tempfile.TemporaryDirectory() as folder:
-        for number, content in enumerate(parser.seeds()):
-            (Path(folder) / str(number)).write_bytes(content[:LONGEST])
-        atheris.Setup([sys.argv[0], f"-max_len={LONGEST}", "-verbosity=0", folder], one)
-        atheris.Fuzz()
-
-
 def line(name: str, row: Row) -> str:
     """Row of the table."""
     return (
@@ -151,7 +119,7 @@ def line(name: str, row: Row) -> str:
 
 
 def main() -> None:
-    """Fuzz the readers in turn; the time is divided by how much cheaper one execution is."""
+    """Fuzz the readers in turn, each for its share of the time."""
     reading = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -163,7 +131,6 @@ def main() -> None:
         "--readers", nargs="*", default=[], help="beginnings of names; all without"
     )
     reading.add_argument("--seed", type=int, default=0)
-    reading.add_argument("--engine", choices=("own", "atheris"), default="own")
     reading.add_argument("--findings", type=Path, default=Path("outputs/fuzz"))
     asked = reading.parse_args()
     logging.disable(logging.CRITICAL)
@@ -194,23 +161,13 @@ def main() -> None:
     rows = []
     for parser in chosen:
         seconds = asked.seconds * parser.share / shares
-        if asked.engine == "atheris":
-            # It ends the process, so that each reader has one.
-            child = os.fork()
-            if child == 0:
-                fuzz_with_atheris(parser, seconds, asked.executions, saver(parser.name))
-            rows.append(
-                Row(findings=[""] * (os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0))
-            )
-            continue
         rows.append(fuzz(parser, seconds, asked.executions, asked.seed, saver(parser.name)))
         print(line(parser.name, rows[-1]), flush=True)
     whole = Row(
         *(sum(getattr(row, name) for row in rows) for name in ("executions", "refused", "accepted"))
     )
     whole.findings = [one for row in rows for one in row.findings]
-    if asked.engine == "own":
-        print(line("all", whole).partition("\n")[0])
+    print(line("all", whole).partition("\n")[0])
     sys.exit(1 if whole.findings else 0)
 
 

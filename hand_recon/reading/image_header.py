@@ -1,6 +1,7 @@
 """Number of pixels that the header of an image announces, before anything is decoded."""
 
 import io
+import re
 import struct
 import warnings
 from typing import Final
@@ -31,8 +32,10 @@ def announced_pixels(content: bytes) -> int | None:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(content)) as image:
                 return image.width * image.height
-    except Image.DecompressionBombError:
-        return 2 * (Image.MAX_IMAGE_PIXELS or 0)
+    except Image.DecompressionBombError as error:
+        # Pillow tells the number in its message alone.
+        found = re.search(r"\d+", str(error))
+        return None if found is None else int(found[0])
     except Exception:  # noqa: BLE001  # a damaged image raises anything
         return None
 

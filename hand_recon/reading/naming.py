@@ -16,7 +16,7 @@ import yaml
 DAMAGE: Final = (
     RecursionError, MemoryError, OverflowError, EOFError, NotImplementedError, csv.Error, yaml.YAMLError,
     struct.error, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, lzma.LZMAError,
-    pickle.UnpicklingError, tokenize.TokenError,
+    pickle.UnpicklingError, tokenize.TokenError, SyntaxError,
 )  # fmt: skip
 """Errors of parsers and of libraries on damaged or hostile files that are no ValueError."""
 

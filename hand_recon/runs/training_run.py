@@ -180,6 +180,11 @@ def _fit(
             raise SystemExit(1) from error
         file = save_batch(error, start.folder)
         raise FloatingPointError(f"{error} The batch is in {file} (torch.load).") from error
+    except SystemExit as error:
+        # Lightning ends a process with 1 after Ctrl-C; the command's own status and message follow.
+        if trainer.interrupted and error.code == 1:
+            raise KeyboardInterrupt from error
+        raise
     return time.monotonic() - started
 
 

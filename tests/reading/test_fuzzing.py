@@ -67,11 +67,18 @@ def test_the_fuzzer_finds_what_a_careless_parser_raises_and_an_error_without_the
 
 REGRESSIONS: Final = {
     "npy": b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((\n",
-    "camera, YAML": b"[" * 100_000,
+    "landmarks, npy": (
+        b"\x93NUMPY\x01\x00\x40\x00{'descr': ',f8', 'fortran_order': False, 'shape': (3, 21, 2)"
+        b", }\n"
+    ),
+    "camera, YAML": b"[" * 100_000 + b"]" * 100_000,
     "DexYCB": b"color: null\n",
     "audit, table": b"x0,y0,z0,x1,y1,z1\n1,2\n",
     "predictions, zip": b"PK\x05\x06" + bytes(8) + b"\xff" * 8 + bytes(2),
-    "camera, XML": b"<?xml version='1.0'?><opencv_storage>" + b"<a>" * 100_000,
+    "camera, XML": b"<?xml version='1.0'?><opencv_storage>"
+    + b"<a>" * 100_000
+    + b"</a>" * 100_000
+    + b"</opencv_storage>",
 }
 """Inputs that ended with a traceback, or ended the process, before."""
 

@@ -23,9 +23,10 @@ from PIL import Image, features
 from hand_recon.data.photos.colours import to_srgb
 from hand_recon.data.photos.exif import focal, orientation, to_upright
 from hand_recon.data.photos.formats import HEADER, Kind, PhotoError, kind_of, kind_of_file, shown
+from hand_recon.reading.limits import LIMITS
 
-LARGEST_PHOTO: Final = 210_000_000
-"""Most pixels of a photograph: a little more than the 200 megapixels of the largest cameras of telephones."""
+LARGEST_PHOTO: Final = LIMITS.photo_pixels
+"""Most pixels of a photograph."""
 
 _SEVERAL: Final = {"GIF": "frames", "PNG": "frames", "WEBP": "frames", "AVIF": "frames"}
 _ROTATED_BY_THEIR_READERS: Final = ("TIFF", "HEIF")
