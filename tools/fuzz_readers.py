@@ -41,7 +41,7 @@ TOKENS = (
 
 
 told = 2
-"""Where a hang is told, since libraries' own messages are discarded."""
+"""Descriptor for messages about a hang, since libraries' own messages are discarded."""
 
 
 @dataclass
