@@ -13,6 +13,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from hand_recon.command_line.argument_help import help_is_text
 from hand_recon.command_line.composing import composed
 from hand_recon.command_line.configuration_files import CONF, booleans, groups, known_names
 from hand_recon.command_line.launched import error_prefix, launched_place
@@ -96,7 +97,7 @@ def run_overrides(name: str, config_name: str, overrides: Sequence[str]) -> None
     sys.argv = [f"hand-recon {name}", *overrides]
     main = hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)
     try:
-        with collection_paused():
+        with collection_paused(), help_is_text():
             main(_task(VERBS[name]))()
     except BrokenPipeError as error:
         _end_quietly(error)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -143,6 +144,8 @@ def from_address(address: str) -> dict[str, bytes]:
         content = b"".join(_pieces(address))
     except (OSError, ValueError, http.client.HTTPException) as error:
         reason = getattr(error, "reason", error)
+        if isinstance(error, urllib.error.HTTPError):
+            error.close()
         raise ModelsError(f"{address} cannot be had ({reason}).") from error
     found = models_in_content(content, address)
     if not found:

@@ -27,7 +27,7 @@ def write(path: Path, content: object, protocol: int = 2) -> Path:
     return path
 
 
-@pytest.mark.parametrize("protocol", [2, 3, 4])
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
 def test_arrays_of_every_protocol_come_back(tmp_path: Path, protocol: int) -> None:
     entries = {
         "handJoints3D": NUMBERS.astype(np.float32),

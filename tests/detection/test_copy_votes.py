@@ -1,6 +1,6 @@
 """Side and presence of a hand by its copies."""
 
-from dataclasses import replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -61,4 +61,6 @@ def test_without_copies_nothing_is_read_again() -> None:
     assert found.sigma is not None
     assert plain.sigma is not None
     np.testing.assert_array_equal(found.sigma, plain.sigma)
-    assert replace(found, sigma=None) == replace(first, sigma=None)
+    for field in fields(first):
+        if field.name != "sigma":
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(first, field.name))

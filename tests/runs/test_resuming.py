@@ -1,6 +1,7 @@
 """Damaged checkpoints, the newest unfinished run, rows of metrics, and batches that are no numbers."""
 
 import os
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,8 @@ def test_the_checkpoint_before_the_last_is_kept_and_the_best_has_weights_alone(
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_last_one(tmp_path: Path) -> None:
     write_checkpoint(STATE, tmp_path / "last.ckpt")
-    with pytest.raises(AttributeError):
+    # Python 3.14 raises the second.
+    with pytest.raises((AttributeError, pickle.PicklingError)):
         write_checkpoint({"function": lambda: None}, tmp_path / "last.ckpt")
     assert damage(tmp_path / "last.ckpt") is None
     assert not (tmp_path / "before_last.ckpt").exists()

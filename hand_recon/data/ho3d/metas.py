@@ -12,7 +12,13 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.hand.mano.inert_pickle import RefusedPickleError, load_inert
-from hand_recon.hand.mano.pickled_arrays import NUMPY_NAMES, NoNumbersError, is_nothing, to_array
+from hand_recon.hand.mano.pickled_arrays import (
+    BUFFER_NAMES,
+    NUMPY_NAMES,
+    NoNumbersError,
+    is_nothing,
+    to_array,
+)
 
 MAX_BYTES: Final = 16 * 2**20
 """Largest file that is read, bytes; HO3D's have about 50 kB."""
@@ -78,7 +84,7 @@ def read_meta(path: Path) -> Meta:
             f"{path} has {len(content)} bytes, more than any annotation: not read. {_CURE}"
         )
     try:
-        return Meta(path, load_inert(content, NUMPY_NAMES, MAX_OPERATIONS))
+        return Meta(path, load_inert(content, {**NUMPY_NAMES, **BUFFER_NAMES}, MAX_OPERATIONS))
     except RefusedPickleError as error:
         raise RefusedMetaError(f"{path} {error} {_CURE}") from error
 
