@@ -32,11 +32,12 @@ RUN python3 -m venv /opt/venv \
  && awk '/^[^ ]/ { wanted = /^uv==/ } wanted' requirements.lock > /tmp/uv.txt \
  && pip install --no-cache-dir --disable-pip-version-check --require-hashes -r /tmp/uv.txt \
  && uv pip install --verify-hashes --constraints requirements.lock \
-      --build-constraints requirements.lock --requirements pyproject.toml --extra train --extra backbone
+      --build-constraints requirements.lock --requirements pyproject.toml --extra train --extra backbone --extra detect
 
 # Editable, so that users of the image edit the configuration beside the package.
 COPY --chown=hand README.md LICENSE NOTICE ./
 COPY --chown=hand conf conf
+COPY --chown=hand hydra_plugins hydra_plugins
 COPY --chown=hand hand_recon hand_recon
 RUN uv pip install --no-deps --build-constraints requirements.lock --editable .
 
