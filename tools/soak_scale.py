@@ -12,6 +12,7 @@ start. The exit status is 1 where rows differ, or where the ratio is below `--ra
 import argparse
 import itertools
 import os
+import shutil
 import signal
 import statistics
 import subprocess
@@ -34,20 +35,21 @@ NUMBERS = ("kp2d", "kp3d", "joint_angles_degrees", "covariance_3d")
 """Numbers of hands that are compared."""
 
 
-def linked(source: Path, folder: Path, count: int) -> Path:
-    """Fill a folder with links to photographs, as often as needed.
+def copied(source: Path, folder: Path, count: int) -> Path:
+    """Fill a folder with copies of photographs, as often as needed.
 
     Args:
         source: Folder of photographs.
         folder: Folder to make.
-        count: Number of links.
+        count: Number of copies.
     """
     photos = sorted(path for path in source.rglob("*") if path.suffix.lower() in SUFFIXES)
     if not photos:
         raise SystemExit(f"{source} has no photographs; expected {', '.join(SUFFIXES)}.")
     folder.mkdir()
     for number, photo in enumerate(itertools.islice(itertools.cycle(photos), count)):
-        (folder / f"{number:06d}{photo.suffix}").symlink_to(photo.absolute())
+        # Links to one file would be one photograph.
+        shutil.copyfile(photo, folder / f"{number:06d}{photo.suffix}")
     return folder
 
 
@@ -60,7 +62,7 @@ def command(photos: Path, output: Path, words: Sequence[str]) -> list[str]:
 
 def parts_of(output: Path) -> list[Path]:
     """Part files that are there."""
-    return sorted(output.glob("part-*.parquet"))
+    return sorted((output / "hands").glob("part-*.parquet"))
 
 
 def workers_of(process: int) -> list[int]:
@@ -196,7 +198,7 @@ def main(words: Sequence[str] | None = None) -> None:
     options = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        photos = linked(options.photos, folder / "photos", options.images)
+        photos = copied(options.photos, folder / "photos", options.images)
         if options.kills:
             settings = [f"part={options.part}", f"batch={options.part}", "workers=2"]
             whole, often = folder / "whole", folder / "often"

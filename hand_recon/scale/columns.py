@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from hand_recon.scale.extra import daft_module
 from hand_recon.scale.settings import plain_settings
 from hand_recon.scale.udfs import AuditsOfHands, HandsOfImages, HandsOfLandmarks, worker_column
 
@@ -107,15 +106,3 @@ def audit_hands(
     settings = plain_settings("audit", overrides)
     given = (landmarks, side)
     return worker_column(AuditsOfHands, settings, given, workers=workers, batch=batch)
-
-
-def place_column(path: Any, position: Any, column: str | None) -> Any:  # noqa: ANN401
-    """Places of images as a column: a file, or a frame of a video, or a row of a Parquet file.
-
-    Args:
-        path: Column of files.
-        position: Column of numbers of frames and rows; null for a file that is one image.
-        column: Column of the images of Parquet files; None without any.
-    """
-    daft = daft_module()
-    return daft.functions.to_struct(path=path, position=position, column=daft.lit(column))

@@ -19,24 +19,26 @@ from hand_recon.runs.unfinished import (
     results_folder,
     settings_of,
 )
-from hand_recon.scale.columns import place_column
 from hand_recon.scale.extra import arrow_module, check_ray, daft_module
 from hand_recon.scale.image_worker import ImageWorker
 from hand_recon.scale.parts import PartFiles
 from hand_recon.scale.places import Places, places_of
 from hand_recon.scale.settings import worker_settings
-from hand_recon.scale.udfs import HandsOfImages, worker_column
+from hand_recon.scale.udfs import HandsOfPlaces, worker_column
 
 logger = logging.getLogger(__name__)
 
 MANIFEST: Final = "manifest.json"
 """File of a complete folder: input, settings, parts and counts."""
 
+PARTS: Final = "hands"
+"""Folder of the part files, which holds nothing else, so that it is read as one table."""
+
 ATTEMPTS: Final = 3
 """Times in a row that workers may fail without a new part."""
 
 _FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path")
-_NO_RESULT: Final = ("batch", "workers", "ray", "engine", "input", "rank", "results", "motion")
+_NO_RESULT: Final = ("workers", "ray", "engine", "input", "rank", "results", "motion")
 
 
 def predict_in_parts(config: DictConfig) -> dict[str, Any]:
@@ -119,10 +121,10 @@ def _claimed(config: DictConfig, folder: Path, places: Places) -> PartFiles:
     settings["input"] = places.state()
     if config.ckpt is not None:
         settings["files"]["ckpt"] = file_state(checkpoint_file(config.ckpt))
-    there = sorted(path.name for path in folder.glob("part-*.parquet")) if folder.is_dir() else []
-    claim_or_resume(folder, (MANIFEST, "config.yaml", *there[:1]), settings)
+    claim_or_resume(folder, (MANIFEST, "config.yaml", PARTS), settings)
     OmegaConf.save(OmegaConf.create(plain(adapted_to_data(config))), folder / "config.yaml")
-    return PartFiles(folder, len(places), config.part)
+    (folder / PARTS).mkdir(exist_ok=True)
+    return PartFiles(folder / PARTS, len(places), config.part)
 
 
 class _Run:
@@ -162,33 +164,46 @@ class _Run:
             self.parts.forget()
 
     def _query(self, missing: list[int]) -> Iterator[int]:
-        rows = [row for part in missing for row in self.parts.expected(part)]
-        table = self.places.table.take(rows).append_column("row", [rows])
-        frame = self.daft.from_arrow(table)
+        frame = self.daft.from_arrow(self._groups(missing))
         if self.daft.runners.get_or_infer_runner_type() == "ray":
             frame = frame.into_partitions(len(missing))
-        place = place_column(frame["path"], frame["position"], self.places.column)
-        workers, batch = int(self.config.workers), int(self.config.batch)
-        found = worker_column(
-            HandsOfImages, self.settings, (place, None), workers=workers, batch=batch
-        )
-        frame = frame.with_column("found", found)
+        workers = int(self.config.workers)
+        given = (frame["path"], frame["position"], self.places.column)
+        found = worker_column(HandsOfPlaces, self.settings, given, workers=workers, batch=1)
+        frame = frame.select("row", found.alias("found"))
         for batch in frame.to_arrow_iter(results_buffer_size=2 * workers):
-            yield from self.parts.add(_flat(batch))
+            yield from self.parts.add(self._rows(batch))
+
+    def _groups(self, missing: list[int]) -> Any:  # noqa: ANN401  # pyarrow.Table
+        """Images that are fitted together, a group to a row: the same ones after an interruption."""
+        size = int(self.config.batch)
+        groups = [
+            list(part[start : start + size])
+            for part in map(self.parts.expected, missing)
+            for start in range(0, len(part), size)
+        ]
+        columns = {"row": groups} | {
+            name: [self.places.table.column(name).take(group).to_pylist() for group in groups]
+            for name in ("path", "position")
+        }
+        arrow = arrow_module()
+        kinds = [("row", arrow.int64()), ("path", arrow.string()), ("position", arrow.int64())]
+        schema = arrow.schema([(name, arrow.list_(kind)) for name, kind in kinds])
+        return arrow.table(columns, schema)
+
+    def _rows(self, batch: Any) -> Any:  # noqa: ANN401  # pyarrow.RecordBatch to pyarrow.Table
+        """Rows of some groups, with the fields of the results as columns of their own."""
+        rows = batch.column("row").flatten().to_pylist()
+        found = batch.column("found").flatten()
+        table = self.places.table.take(rows).append_column("row", [rows])
+        for name in ("hands", "width", "height", "error"):
+            table = table.append_column(name, found.field(name))
+        return table
 
     def _first_images(self) -> str:
         first = self.parts.expected(self.parts.missing()[0])
         paths = self.places.table.column("path").slice(first.start, 1).to_pylist()
         return f"rows {first.start} to {first.stop - 1} ({paths[0]} …)"
-
-
-def _flat(batch: Any) -> Any:  # noqa: ANN401  # pyarrow.RecordBatch to pyarrow.Table
-    """Rows with the fields of the result as columns of their own."""
-    table = arrow_module().Table.from_batches([batch])
-    found = table.column("found").combine_chunks()
-    for name in ("hands", "width", "height", "error"):
-        table = table.append_column(name, found.field(name))
-    return table.drop_columns(["found"])
 
 
 def _line(error: Exception) -> str:

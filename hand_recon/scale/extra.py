@@ -38,11 +38,12 @@ def parquet_module() -> ModuleType:
 
 
 def check_ray() -> None:
-    """Import Ray.
+    """Import Ray, without its messages to its makers about who uses it.
 
     Raises:
         ModuleNotFoundError: It is not installed.
     """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     _imported("ray", "ray=<address> needs", "Install it: pip install 'hand_recon[scale,ray]'.")
 
 

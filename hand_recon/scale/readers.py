@@ -36,7 +36,7 @@ class ImageReader:
         if isinstance(value, Mapping):
             return self._of_struct(value)
         if isinstance(value, bytes):
-            return read_photo_bytes(value, "image")
+            return read_photo_bytes(value, "The image")
         if isinstance(value, str):
             return read_photo(_local(value))
         if isinstance(value, np.ndarray):
@@ -52,7 +52,7 @@ class ImageReader:
         if position is None:
             content = value.get("bytes")
             if content is not None:
-                return read_photo_bytes(content, path or "image")
+                return read_photo_bytes(content, path or "The image")
             return self(path)
         if Path(path or "").suffix.lower() == ".parquet":
             stored = self.rows(Path(str(path)), position, str(value.get("column")))

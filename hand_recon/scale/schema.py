@@ -91,6 +91,11 @@ def image_type() -> Any:  # noqa: ANN401  # pyarrow.DataType
     )
 
 
+def group_type() -> Any:  # noqa: ANN401  # pyarrow.DataType
+    """Arrow's type of the results of a group of images."""
+    return arrow_module().list_(image_type())
+
+
 def fit_type() -> Any:  # noqa: ANN401  # pyarrow.DataType
     """Arrow's type of a hand that is fitted to given landmarks, and of the reason if there is none."""
     arrow = arrow_module()

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from hand_recon.scale.extra import arrow_module, daft_module
-from hand_recon.scale.schema import audit_type, fit_type, image_type
+from hand_recon.scale.schema import audit_type, fit_type, group_type, image_type
 
 Worker = TypeVar("Worker")
 
@@ -34,6 +34,32 @@ class HandsOfImages:
         cameras = column_values(intrinsics, len(values))
         tasks = [ImageTask(*pair) for pair in zip(values, cameras, strict=True)]
         return arrow_module().array(self.worker(tasks), self.kind())
+
+
+class HandsOfPlaces:
+    """Hands of groups of images, each image by its place, and each group a row."""
+
+    kind = staticmethod(group_type)
+    """Function that makes Arrow's type of a row."""
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        self.worker = HandsOfImages(settings).worker
+
+    def rows(self, paths: Any, positions: Any, column: Any) -> Any:  # noqa: ANN401
+        """Reconstruct the hands of each group, whose hands are fitted together."""
+        from hand_recon.scale.image_worker import ImageTask
+
+        groups = zip(paths.to_pylist(), positions.to_pylist(), strict=True)
+        found = [
+            self.worker(
+                [
+                    ImageTask({"path": path, "position": position, "column": column})
+                    for path, position in zip(*group, strict=True)
+                ]
+            )
+            for group in groups
+        ]
+        return arrow_module().array(found, self.kind())
 
 
 class HandsOfLandmarks:
@@ -78,7 +104,7 @@ class AuditsOfHands:
         return arrow_module().array(self.worker(tasks), self.kind())
 
 
-Column = type[HandsOfImages] | type[HandsOfLandmarks] | type[AuditsOfHands]
+Column = type[HandsOfImages] | type[HandsOfPlaces] | type[HandsOfLandmarks] | type[AuditsOfHands]
 """A class whose `rows` makes one column of others."""
 
 

@@ -21,7 +21,7 @@ from hand_recon.runs.unfinished import MARK
 from hand_recon.scale import engine
 from hand_recon.scale.engine import predict_in_parts
 from hand_recon.scale.image_worker import ImageTask, ImageWorker
-from hand_recon.scale.schema import image_type
+from hand_recon.scale.schema import group_type
 from hand_recon.scale.start import predict
 from tests.support.daft_processes import in_processes
 from tests.support.photo_folder import CAMERA, QUICK, asked, photo_folder
@@ -53,23 +53,24 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setattr(engine, "ImageWorker", kept_worker)
 
     def query(self: engine._Run, missing: list[int]) -> Iterator[int]:
-        rows = [row for part in missing for row in self.parts.expected(part)]
         worker, column = kept_worker(self.settings), self.places.column
-        for row in rows:
-            asked_for.append(row)
-            place = self.places.table.slice(row, 1)
-            value = place.select(["path", "position"]).to_pylist()[0] | {"column": column}
-            found = pyarrow.array(worker([ImageTask(value)]), image_type())
-            table = place.append_column("row", [[row]]).append_column("found", found)
-            yield from self.parts.add(engine._flat(table.to_batches()[0]))
+        for group in self._groups(missing).to_pylist():
+            asked_for.extend(group["row"])
+            places = zip(group["path"], group["position"], strict=True)
+            values = [{"path": path, "position": at, "column": column} for path, at in places]
+            found = pyarrow.array([worker([ImageTask(one) for one in values])], group_type())
+            row = pyarrow.array([group["row"]])
+            batch = pyarrow.record_batch([row, found], ["row", "found"])
+            yield from self.parts.add(self._rows(batch))
 
     monkeypatch.setattr(engine._Run, "_query", query)
     return asked_for
 
 
 def rows_in(output: Path) -> list[dict[str, Any]]:
-    parts = sorted(output.glob("part-*.parquet"))
-    return [row for part in parts for row in pyarrow.parquet.read_table(part).to_pylist()]
+    """The folder of the parts as one table."""
+    rows: list[dict[str, Any]] = pyarrow.parquet.read_table(output / "hands").to_pylist()
+    return rows
 
 
 @in_processes
@@ -97,7 +98,7 @@ def test_a_folder_becomes_part_files_by_processes_of_daft(folder: Path, tmp_path
         np.testing.assert_allclose(found, expected.landmarks_3d, atol=1e-6)
     assert "cut off" in rows[3]["error"]
     assert sorted(path.name for path in output.iterdir()) == [
-        "config.yaml", "manifest.json", "part-00000.parquet", "part-00001.parquet",
+        "config.yaml", "hands", "manifest.json",
     ]  # fmt: skip
     manifest = json.loads((output / "manifest.json").read_text())
     assert manifest["counts"] == summary
@@ -115,18 +116,19 @@ def test_an_interrupted_command_goes_on_with_the_missing_parts(
         predict_in_parts(config_of(folder, output))
     assert here == [0, 1, 2, 3]
     assert (output / MARK).exists()
-    (output / "part-00000.parquet").unlink()
-    kept = (output / "part-00001.parquet").stat().st_mtime_ns
+    (output / "hands" / "part-00000.parquet").unlink()
+    kept = (output / "hands" / "part-00001.parquet").stat().st_mtime_ns
     monkeypatch.undo()
     monkeypatch.setattr(engine._Run, "_query", lambda *_: iter(()))
     for changed, told in (
         (config_of(folder, output, "descent.steps=21"), "other options"),
         (config_of(folder, output, f"input=['{folder}/photos/1 two.png']"), "other input"),
         (config_of(folder, output, "part=3"), "other options"),
+        (config_of(folder, output, "batch=2"), "other options"),
     ):
         with pytest.raises(FileExistsError, match=f"unfinished results of a command with {told}"):
             predict_in_parts(changed)
-    assert (output / "part-00001.parquet").stat().st_mtime_ns == kept
+    assert (output / "hands" / "part-00001.parquet").stat().st_mtime_ns == kept
 
 
 def interrupted(*_: object) -> None:
@@ -141,9 +143,9 @@ def test_only_missing_parts_are_run_again_also_by_other_workers(
         patched.setattr(engine, "write_json", interrupted)
         with pytest.raises(KeyboardInterrupt):
             predict_in_parts(config_of(folder, output))
-    (output / "part-00000.parquet").unlink()
+    (output / "hands" / "part-00000.parquet").unlink()
     here.clear()
-    summary = predict_in_parts(config_of(folder, output, "workers=3", "batch=7"))
+    summary = predict_in_parts(config_of(folder, output, "workers=3"))
     assert here == [0, 1]
     assert [row["row"] for row in rows_in(output)] == [0, 1, 2, 3]
     assert (summary["images"], summary["hands"]) == (4, 3)

@@ -1,0 +1,73 @@
+"""The soak of `engine=daft`: what it compares and measures; the kills themselves are slow."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pyarrow")
+
+import soak_scale
+from tests.support.detector_models import published_models
+
+
+def row(number: int, bend: float = 10.0, **changes: Any) -> dict[str, Any]:  # noqa: ANN401
+    hand = {"kp2d": [[1.0, 2.0]], "kp3d": None, "joint_angles_degrees": [[bend]]} | {
+        "covariance_3d": None
+    }
+    return {"row": number, "path": "a.jpg", "error": None, "hands": [hand]} | changes
+
+
+def test_tables_differ_by_their_greatest_relative_difference() -> None:
+    assert soak_scale.difference({0: row(0)}, {0: row(0)}) == 0
+    assert soak_scale.difference({0: row(0)}, {0: row(0, 10.5)}) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        ({}, "1 rows are in one of two tables alone"),
+        ({0: row(0, path="b.jpg")}, "of another image"),
+        ({0: row(0, error="damaged")}, "has another error"),
+        ({0: row(0, hands=None)}, "another number of hands"),
+    ],
+)
+def test_lost_and_changed_rows_end_the_program(other: dict[int, Any], told: str) -> None:
+    with pytest.raises(SystemExit, match=told):
+        soak_scale.difference({0: row(0)}, other)
+
+
+def test_a_doubled_row_ends_the_program(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    (tmp_path / "hands").mkdir()
+    for part in (0, 1):
+        pyarrow.parquet.write_table(
+            pyarrow.Table.from_pylist([row(3)]), tmp_path / "hands" / f"part-0000{part}.parquet"
+        )
+    with pytest.raises(SystemExit, match="Row 3 is there twice"):
+        soak_scale.table_of(tmp_path)
+
+
+def test_the_rate_leaves_out_the_start(tmp_path: Path) -> None:
+    """Parts of 8 images at 100, 102 and 104 s: the first took unknown time, the other two 4 s."""
+    (tmp_path / "hands").mkdir()
+    for part, moment in enumerate((100, 102, 104)):
+        path = tmp_path / "hands" / f"part-0000{part}.parquet"
+        path.write_bytes(b"")
+        os.utime(path, (moment, moment))
+    assert soak_scale.steady_rate(tmp_path, 8) == 4.0
+
+
+@pytest.mark.slow
+def test_killed_workers_and_commands_lose_and_double_nothing(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("daft", reason="Daft (the extra scale) is not installed")
+    published_models()
+    soak_scale.main(["examples", "--images", "24", "--part", "2", "--kills", "4", "--rounds", "0"])
+    assert (
+        "2 workers and 2 commands killed: 24 rows, none lost or doubled" in capfd.readouterr().out
+    )
