@@ -174,6 +174,7 @@ def test_landmarks_give_the_hands_of_the_command(folder: Path) -> None:
         assert text in row["error"]
 
 
+@pytest.mark.slow
 def test_landmarks_with_cameras_and_confidences(folder: Path) -> None:
     points = hand_recon.read_landmarks(folder / "found.json").landmarks_2d.numpy()[:2]
     confidence = np.linspace(0.3, 1.0, 21)
