@@ -33,7 +33,7 @@ ROWS := ablation_row1,ablation_row2,ablation_row3,ablation_row4,ablation_row5
 SEEDS ?= 0,1,2
 # Runs at a time; each keeps to one thread.
 RUNS ?= 2
-AT_ONCE := hydra/launcher=joblib hydra.launcher.n_jobs=$(RUNS)
+AT_ONCE := hydra.launcher.n_jobs=$(RUNS)
 
 # A folder of photographs of hands; with train.json (and test.json) in it, these are the labels.
 PICTURES ?=
@@ -125,7 +125,7 @@ format: $(STAMP)  ## Format the code and mend what can be mended by machine.
 	$(BIN)/ruff format
 
 lock: $(STAMP)  ## Lock again, keeping every version that still fits; ARGS=--upgrade for new ones.
-	UV_CUSTOM_COMPILE_COMMAND="make lock" $(UV) pip compile pyproject.toml --extra dev --extra train --extra detect --extra backbone --extra heif --extra onnx --extra demo --extra fast --extra docs --universal --python-version 3.11 --generate-hashes \
+	UV_CUSTOM_COMPILE_COMMAND="make lock" $(UV) pip compile pyproject.toml --extra dev --extra train --extra detect --extra backbone --extra heif --extra onnx --extra demo --extra fast --extra scale --extra shards --extra sweeps --extra docs --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock $(ARGS)
 
 asset: $(STAMP)  ## Build the open hand again from its source (installs the assets extra).
