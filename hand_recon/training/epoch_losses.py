@@ -52,4 +52,9 @@ class EpochLosses(lightning.Callback):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Go on from the sums of a checkpoint."""
+        if OF_PROCESSES not in state_dict:
+            raise ValueError(
+                "This checkpoint was saved by an earlier version, which kept the losses of an epoch in another "
+                "form. Continue it with the version that saved it, or begin anew without resume=."
+            )
         self.losses.restore(state_dict[OF_PROCESSES][process_group.rank()])

@@ -16,11 +16,16 @@ def warmup_cosine(
     Args:
         optimizer: The optimizer; its learning rates are the highest that are reached.
         total_steps: Steps of the run.
-        warmup_steps: Steps of the warm-up.
+        warmup_steps: Steps of the warm-up; 0 for none.
+
+    Raises:
+        ValueError: `warmup_steps` is negative.
     """
+    if warmup_steps < 0:
+        raise ValueError(f"warmup_steps={warmup_steps}; expected 0, for no warm-up, or more.")
 
     def factor(step: int) -> float:
-        rise = min(1.0, (step + 1) / warmup_steps)
+        rise = min(1.0, (step + 1) / max(warmup_steps, 1))
         return rise * 0.5 * (1 + math.cos(math.pi * min(1.0, step / total_steps)))
 
     return torch.optim.lr_scheduler.LambdaLR(optimizer, factor)

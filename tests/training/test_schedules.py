@@ -27,3 +27,10 @@ def test_the_rate_rises_over_its_steps_and_falls_to_zero() -> None:
 
 def test_a_run_of_two_steps_never_reaches_the_full_rate() -> None:
     assert max(learning_rates(2, 2)) <= 0.2
+
+
+def test_a_warm_up_of_no_steps_begins_at_the_full_learning_rate() -> None:
+    optimizer = torch.optim.SGD([torch.nn.Parameter(torch.zeros(1))], lr=2.0)
+    assert warmup_cosine(optimizer, total_steps=10, warmup_steps=0).get_last_lr() == [2.0]
+    with pytest.raises(ValueError, match="expected 0, for no warm-up"):
+        warmup_cosine(optimizer, total_steps=10, warmup_steps=-1)
