@@ -54,7 +54,7 @@ class EpochLosses(lightning.Callback):
         """Go on from the sums of a checkpoint."""
         if OF_PROCESSES not in state_dict:
             raise ValueError(
-                "This checkpoint was saved by an earlier version, which kept the losses of an epoch in another "
+                "This checkpoint is of an earlier version, which kept the losses of an epoch in another "
                 "form. Continue it with the version that saved it, or begin anew without resume=."
             )
         self.losses.restore(state_dict[OF_PROCESSES][process_group.rank()])
