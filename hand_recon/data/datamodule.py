@@ -11,7 +11,6 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from hand_recon import process_group
 from hand_recon.data.augment import Augmentation, to_float
 from hand_recon.data.sample_order import (
     DealtOut,
@@ -22,6 +21,7 @@ from hand_recon.data.sample_order import (
     limit_threads,
 )
 from hand_recon.data.selection import evenly_spaced
+from hand_recon.processes import process_group
 from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
 
 logger = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import torch
 from torch.utils.data import DataLoader, Sampler
 
-from hand_recon import process_group
+from hand_recon.processes import process_group
 from hand_recon.schema import HandSample
 
 PROCESSES: Final = "processes"

@@ -6,7 +6,6 @@ import torch
 from jaxtyping import Int
 from torch import Tensor, nn
 
-from hand_recon import process_group
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.evaluation.calibration import Calibration
 from hand_recon.evaluation.landmarks_2d import Landmarks2D
@@ -14,6 +13,7 @@ from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.plausibility import Penetration, Plausibility
 from hand_recon.evaluation.scores import HandPoints
 from hand_recon.knowledge.ranges import RangeOfMotion
+from hand_recon.processes import process_group
 from hand_recon.schema import HandBatch, HandPrediction
 
 

@@ -15,8 +15,8 @@ import torch
 from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import CSVLogger
 
-from hand_recon import process_group
 from hand_recon.data.sample_order import ResumableLoader
+from hand_recon.processes import process_group
 from hand_recon.runs.checkpoint_writer import LAST, METRICS_KEY, POSITION_KEY
 
 logger = logging.getLogger(__name__)

@@ -5,9 +5,9 @@ from typing import Any
 
 import lightning
 
-from hand_recon import process_group
 from hand_recon.evaluation.metrics import HandMetrics
 from hand_recon.evaluation.scores import HandPoints
+from hand_recon.processes import process_group
 from hand_recon.schema import HandBatch, HandPrediction
 
 Observer = Callable[[HandBatch, HandPrediction], None]

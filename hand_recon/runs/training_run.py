@@ -18,7 +18,7 @@ from hand_recon import __version__
 from hand_recon.command_line.launched import ALONE, Place
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.scores import HandPoints
-from hand_recon.process_group import gathered
+from hand_recon.processes.process_group import gathered
 from hand_recon.regressor.compiling import compile_backbones
 from hand_recon.runs.building import build_data, build_module, check_input
 from hand_recon.runs.checkpoint_writer import WholeCheckpoints
@@ -129,7 +129,7 @@ class Start:
     """Batches that each process made before."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """What other processes get: all but the contents of a checkpoint."""
+        """All but the contents of a checkpoint, for other processes."""
         return vars(self) | {"earlier": None}
 
 

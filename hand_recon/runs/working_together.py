@@ -18,8 +18,8 @@ from lightning.fabric.plugins.environments.slurm import SLURMEnvironment
 from omegaconf import DictConfig, OmegaConf
 from torch.distributed import TCPStore  # type: ignore[attr-defined]  # Its stubs lack the name.
 
-from hand_recon import process_group
 from hand_recon.command_line.launched import OURS, Place, launched_place
+from hand_recon.processes import process_group
 from hand_recon.runs.configuration import plain
 from hand_recon.runs.other_processes import TERMINATED, OtherProcesses
 from hand_recon.runs.process_settings import check_together, processes_of_a_machine
@@ -189,5 +189,5 @@ def _threads_kept() -> Iterator[None]:
 
 def _be_quiet() -> None:
     """Leave messages and warnings, which are those of the first process, to it."""
-    logging.getLogger().setLevel(logging.ERROR)
+    logging.disable(logging.WARNING)
     warnings.simplefilter("ignore")

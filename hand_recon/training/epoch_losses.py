@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import lightning
 
-from hand_recon import process_group
+from hand_recon.processes import process_group
 from hand_recon.training.mean_losses import MeanLosses
 
 LOSSES: Final = "losses"

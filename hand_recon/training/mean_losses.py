@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from hand_recon import process_group
+from hand_recon.processes import process_group
 
 
 class MeanLosses:

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 
-from hand_recon import process_group
 from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.knowledge.adversarial import AdversarialTerm, Adversary
 from hand_recon.knowledge.prior import Prior
+from hand_recon.processes import process_group
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.epoch_losses import LOSSES

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from hand_recon import process_group
+from hand_recon.processes import process_group
 from hand_recon.schema import HandBatch
 
 

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from hand_recon import process_group
+from hand_recon.processes import process_group
 from hand_recon.uncertainty.bounds import LOWEST_SIGMA
 from hand_recon.uncertainty.data_term import DataTerm
 

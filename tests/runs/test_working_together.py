@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from hand_recon import process_group
 from hand_recon.command_line.launched import ALONE, Place
+from hand_recon.processes import process_group
 from hand_recon.runs.resuming import _check_processes
 from hand_recon.runs.working_together import first_of_each_machine, from_first
 

@@ -1,5 +1,6 @@
 """Trainings of a lifter in several processes, as torchrun starts them, on one machine."""
 
+import json
 import os
 import socket
 import sys
@@ -7,14 +8,18 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import lightning
+import torch
 
-from tests.support.killed_training import Death, context, train_killed
+from tests.support.killed_training import Death, context, state, train_killed
 
 WITHOUT_DRAWS = ("model.encoder.landmark_dropout=0",)
 """Nothing is hidden at random, so that the number of processes changes no number."""
 
-UNEVEN = ("synthetic.val=11", "synthetic.test=11", "trainer.max_epochs=2", *WITHOUT_DRAWS)
-"""Two epochs. Eleven hands are shared evenly by neither two nor three processes."""
+UNEVEN = (
+    "synthetic.val=11", "synthetic.test=11", "trainer.max_epochs=2", "optimizer.schedule=null",
+    *WITHOUT_DRAWS,
+)  # fmt: skip
+"""Two epochs at the full learning rate; eleven hands are shared evenly by neither two nor three processes."""
 
 
 class Fault(lightning.Callback):
@@ -39,6 +44,42 @@ class Fault(lightning.Callback):
         """Raise it."""
         if (trainer.global_step, trainer.global_rank) == (self.step, self.rank):
             raise ValueError("The image of this process is damaged.")
+
+
+class FirstGradient(lightning.Callback):
+    """Write the gradient of the first step, before it is clipped, into the run's folder."""
+
+    def on_before_optimizer_step(
+        self,
+        trainer: lightning.Trainer,
+        pl_module: lightning.LightningModule,
+        optimizer: torch.optim.Optimizer,
+    ) -> None:
+        """Write it."""
+        if trainer.global_step == 0 and trainer.is_global_zero:
+            parts = [one.grad.flatten() for one in pl_module.parameters() if one.grad is not None]
+            torch.save(torch.cat(parts), Path(trainer.default_root_dir) / GRADIENT)
+
+
+GRADIENT = "first_gradient.pt"
+"""Its file."""
+
+WITH_GRADIENT = f"+callbacks.gradient._target_={FirstGradient.__module__}.FirstGradient"
+"""Setting that writes it."""
+
+
+def gradient_difference(one: Path, other: Path) -> float:
+    """Length of the difference of two runs' first gradients, over the length of the first run's."""
+    first, second = (torch.load(run / GRADIENT, weights_only=True) for run in (one, other))
+    return float((first - second).norm() / first.norm())
+
+
+def scores(folder: Path) -> dict[str, float]:
+    """All scores of a run: of the test hands, of the constant hand, and the factor of σ."""
+    metrics = json.loads((folder / "metrics.json").read_text())
+    constant = {f"mean pose {name}": value for name, value in metrics["mean_pose"].items()}
+    factor = float(state(folder)["hand_recon_sigma_factor"])
+    return {**metrics["test"], **constant, "factor of σ": factor}
 
 
 def messages_of(folder: Path) -> Path:

@@ -1,0 +1,1 @@
+"""Processes that train and test together: what they exchange (decision 94)."""
