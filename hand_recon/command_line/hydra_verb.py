@@ -3,8 +3,10 @@
 import difflib
 import gc
 import importlib
+import logging
 import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final, NoReturn
 
@@ -19,7 +21,8 @@ from hand_recon.command_line.configuration_files import CONF, booleans, groups, 
 from hand_recon.command_line.launched import error_prefix, launched_place
 from hand_recon.command_line.processor import collection_paused, share_processor
 from hand_recon.command_line.resolvers import register_resolvers
-from hand_recon.command_line.user_errors import USER_ERRORS, reason_of
+from hand_recon.command_line.run_folder import OVERRIDE
+from hand_recon.command_line.user_errors import USER_ERRORS, reason_of, report_of_thread
 from hand_recon.command_line.verbs import VERBS, Verb
 from hand_recon.command_line.words import UsageError, to_overrides
 
@@ -94,7 +97,10 @@ def run_overrides(name: str, config_name: str, overrides: Sequence[str]) -> None
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     # Hydra reads the process's command line.
-    sys.argv = [f"hand-recon {name}", *overrides]
+    sys.argv = [f"hand-recon {name}", *overrides, OVERRIDE]
+    # On a full disk a line for a log file cannot be written; the command itself will say so.
+    logging.raiseExceptions = False
+    threading.excepthook = report_of_thread
     main = hydra.main(version_base="1.3", config_path=CONF, config_name=config_name)
     try:
         with collection_paused(), help_is_text():

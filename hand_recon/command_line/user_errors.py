@@ -1,6 +1,8 @@
 """Errors that a command shows as one message without a traceback, and their messages."""
 
 import errno
+import sys
+import threading
 from typing import Final
 
 from hydra.errors import InstantiationException
@@ -43,3 +45,17 @@ def reason_of(error: BaseException) -> str:
         where = "" if error.filename is None else f"{error.filename}: "
         return f"{where}{_DISK[error.errno]}"
     return str(error)
+
+
+def report_of_thread(failure: threading.ExceptHookArgs) -> None:
+    """Show an error that ended a thread: one of the disk as its message, any other as a traceback.
+
+    TensorBoard writes in a thread of its own, which a full disk ends.
+
+    Args:
+        failure: What `threading.excepthook` is called with.
+    """
+    if isinstance(failure.exc_value, OSError) and failure.exc_value.errno in _DISK:
+        sys.stderr.write(f"error: {reason_of(failure.exc_value)}\n")
+        return
+    threading.__excepthook__(failure)

@@ -2,6 +2,7 @@
 
 import errno
 import re
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,9 +10,11 @@ from typing import Any, NoReturn
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from hand_recon.command_line import hydra_verb
-from hand_recon.command_line.user_errors import USER_ERRORS, reason_of
+from hand_recon.command_line.run_folder import RunFolder
+from hand_recon.command_line.user_errors import USER_ERRORS, reason_of, report_of_thread
 from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.fitting.hands_file import entries_so_far, hand_entries
 from hand_recon.fitting.hands_list import writing_entries
@@ -118,3 +121,24 @@ def test_ctrl_c_in_a_training_is_ctrl_c_and_not_lightnings_status(
     unwrapped: Any = getattr(training_run._fit, "__wrapped__", training_run._fit)
     with pytest.raises(kind):
         unwrapped(trainer, None, None, SimpleNamespace(), SimpleNamespace())
+
+
+def test_a_thread_that_a_full_disk_ends_gives_a_message_and_no_traceback(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    error = OSError(errno.ENOSPC, "No space left on device")
+    report_of_thread(threading.ExceptHookArgs((OSError, error, None, None)))
+    assert capsys.readouterr().err.startswith("error: The disk is full.")
+    report_of_thread(threading.ExceptHookArgs((KeyError, KeyError("x"), None, None)))
+    assert "KeyError" in capsys.readouterr().err
+
+
+def test_a_run_folder_that_cannot_be_made_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    config = OmegaConf.create({"hydra": {"run": {"dir": str(tmp_path / "file" / "run")}}})
+    with pytest.raises(SystemExit) as ended:
+        RunFolder().on_run_start(config)
+    assert ended.value.code == 1
+    assert str(tmp_path / "file" / "run") in capsys.readouterr().err
