@@ -108,6 +108,7 @@ PLACES = {
     "dexycb": ["data.root=/nowhere"],
     "ho3d": ["data.root=/nowhere"],
     "landmarks": ["data.train=/nowhere/labels.json"],
+    "shards": ["data.train=/nowhere/shards"],
     "photos": ["photos.train=/nowhere/labels.json"],
     "photos_table1": ["photos.train=/nowhere/labels.json"],
     "mixture": [
