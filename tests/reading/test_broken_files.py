@@ -16,10 +16,10 @@ import pytest
 
 from hand_recon.command_line.user_errors import USER_ERRORS
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
-from hand_recon.plausibility.given_hands import GivenHands
 from tests.support.broken_files import CONTENTS, PLACES, unreadable, with_nan
 from tests.support.file_readers import READERS as TEXTS
 from tests.support.file_readers import FileReader
+from tests.support.label_faults import fault_of_labels, zeros_in
 from tests.support.network_readers import READERS as NETWORKS
 
 READERS: Final = TEXTS | NETWORKS
@@ -91,21 +91,12 @@ def mistakes(reader: FileReader, cell: str, path: Path) -> list[str]:
     refusal, found = outcome(reader, path)
     cell_name = f"{reader.name} with {cell}"
     if (reader.name, cell) in ACCEPTED:
-        good = not refusal and labels_without_zeros(found)
-        return [] if good else [f"{cell_name}: {refusal or 'a label is zero or infinite'}"]
+        wrong = refusal or fault_of_labels(found)
+        return [f"{cell_name}: {wrong}"] if wrong else []
     if not refusal:
         return [f"{cell_name} was read: {found!r:.300}"]
     named = path.name in refusal or (reader.name, cell) in UNNAMED
     return [] if named and len(refusal) < 2000 else [f"{cell_name}: {refusal[:300]}"]
-
-
-def labels_without_zeros(found: object) -> bool:
-    """False if a label of hands is zero or infinite; a missing one is NaN."""
-    labels = (
-        found.landmarks_2d if isinstance(found, ImageLandmarks)
-        else found.points if isinstance(found, GivenHands) else None
-    )  # fmt: skip
-    return labels is None or bool(((labels != 0) & ~labels.isinf()).all())
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -156,6 +147,11 @@ def test_a_label_of_zero_would_be_seen() -> None:
     path.write_text(str(points.tolist()))
     found = TEXTS["landmarks"].read(path)
     assert isinstance(found, ImageLandmarks)
-    assert labels_without_zeros(found)
+    assert fault_of_labels(found) == ""
     found.landmarks_2d[0, 3, 1] = 0
-    assert not labels_without_zeros(found)
+    assert fault_of_labels(found) == "a label of zero"
+    assert fault_of_labels(found, zeros_in(b"[1, -0.0, 20, a0, 0.5]")) == ""
+    found.labelled[0, 3] = False
+    assert fault_of_labels(found, 1) == "a missing label that is a number"
+    found.landmarks_2d[0, 3] = np.inf
+    assert fault_of_labels(found, 9) == "an infinite label"

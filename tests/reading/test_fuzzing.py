@@ -2,13 +2,16 @@
 
 import random
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Final
 
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz_readers import Row, fuzz, mutated
+from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from tests.support.fuzzed import PARSERS, Parser, outcome_of
 
 CHEAP: Final = (
@@ -63,6 +66,30 @@ def test_the_fuzzer_finds_what_a_careless_parser_raises_and_an_error_without_the
     found = fuzz(Parser("unnamed", unnamed, lambda: [b"a"]), 5.0, 5, 0, kept).findings
     assert len(found) == 1
     assert "unnamed: refused" in found[0]
+
+
+def test_the_fuzzer_finds_labels_and_hangs_of_inputs_that_are_read_like_earlier_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("fuzz_readers.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    good = PARSERS["landmarks"].seeds()[0]
+
+    def parse(content: bytes) -> object:
+        found = PARSERS["landmarks"].parse(good)
+        assert isinstance(found, ImageLandmarks)
+        if content == b"slow":
+            clock[0] += 6
+        if content in (b"infinite", b"zero"):
+            found.landmarks_2d[0, 0] = torch.inf if content == b"infinite" else 0.0
+        return found
+
+    # The last input is read first, and all of them end in the same way.
+    inputs = [b"slow", b"slow", b"zero", b"zero", b"infinite", b"infinite", b"fine"]
+    row = fuzz(Parser("late", parse, lambda: inputs), 99.0, len(inputs), 0, kept)
+    told = [finding.partition(" [")[0] for finding in row.findings]
+    assert told == ["an infinite label", "a label of zero", "it took 6 s"]
+    assert row.accepted == len(inputs)
 
 
 REGRESSIONS: Final = {

@@ -1,6 +1,7 @@
 """Parsers for fuzzing: the readers of files, in memory, and parsers that take bytes."""
 
 import io
+import math
 import tempfile
 import traceback
 from collections.abc import Callable
@@ -11,11 +12,9 @@ from typing import Final
 
 from hand_recon.command_line.user_errors import USER_ERRORS
 from hand_recon.data.images import decode_image
-from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.detection.tracking import TrackerState
 from hand_recon.hand.mano.inert_pickle import load_inert
 from hand_recon.hand.mano.pickled_arrays import NUMPY_NAMES, to_array
-from hand_recon.plausibility.given_hands import GivenHands
 from hand_recon.reading.archives import load_array, load_arrays
 from hand_recon.reading.image_header import announced_pixels
 from hand_recon.reading.limits import Limits
@@ -25,6 +24,7 @@ from tests.support.broken_files import CONTENTS, Kind
 from tests.support.file_readers import READERS as TEXTS
 from tests.support.file_readers import FileReader
 from tests.support.inert_pickles import HOSTILE_PICKLES
+from tests.support.label_faults import fault_of_labels, zeros_in
 from tests.support.network_readers import READERS as NETWORKS
 
 LEFT_OUT: Final = ("checkpoint", "weights", "MANO, pickle", "MANO, zip", "MANO", "video", "lifter")
@@ -48,6 +48,8 @@ class Parser:
     """Share of the time; a cheap parser gets more executions out of it."""
     named: str = NAME
     """Text that every error must hold."""
+    is_text: bool = True
+    """True if numbers are written as text, so that labels of zero can be compared with the input's zeros."""
 
 
 @dataclass
@@ -75,16 +77,8 @@ def outcome_of(parser: Parser, content: bytes) -> Outcome:
         place = traceback.extract_tb(error.__traceback__)[-1]
         end = f"{place.filename}:{place.lineno} {type(error).__name__}"
         return Outcome(False, end, f"{type(error).__name__}: {str(error)[:200]} at {end}")
-    return Outcome(True, f"read {type(found).__name__}", _zero_or_infinite(found))
-
-
-def _zero_or_infinite(found: object) -> str:
-    """Description of labels that are infinite."""
-    labels = (
-        found.landmarks_2d if isinstance(found, ImageLandmarks)
-        else found.points if isinstance(found, GivenHands) else None
-    )  # fmt: skip
-    return "an infinite label" if labels is not None and bool(labels.isinf().any()) else ""
+    zeros = zeros_in(content) if parser.is_text else math.inf
+    return Outcome(True, f"read {type(found).__name__}", fault_of_labels(found, zeros))
 
 
 @cache
@@ -116,7 +110,8 @@ def _of_reader(reader: FileReader) -> Parser:
         valid = reader.content()
         return [valid, *_damaged(valid, reader.kind)]
 
-    return Parser(reader.name, parse, seeds, 1.0, Path(reader.place).name)
+    name = Path(reader.place).name
+    return Parser(reader.name, parse, seeds, 1.0, name, reader.kind != "binary")
 
 
 def _damaged(valid: bytes, kind: Kind) -> list[bytes]:
