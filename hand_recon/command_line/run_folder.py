@@ -9,8 +9,8 @@ from omegaconf import DictConfig
 
 from hand_recon.command_line.user_errors import reason_of
 
-OVERRIDE: Final = f"+hydra.callbacks.run_folder._target_={__name__}.RunFolder"
-"""Override that lets Hydra use `RunFolder`."""
+OVERRIDE: Final = f"++hydra.callbacks.run_folder._target_={__name__}.RunFolder"
+"""Override that lets Hydra use `RunFolder`; a run of a sweep has it from the sweep, and again."""
 
 
 class RunFolder(Callback):

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table
@@ -20,6 +20,9 @@ from hand_recon.sweeps.places import Place
 from hand_recon.tables.member_record import State
 
 logger = logging.getLogger(__name__)
+
+OF_THE_EXECUTOR: Final = ("slurm_max_num_timeout",)
+"""Parameters that submitit takes when it begins, not for a job."""
 
 Runner = Callable[[Sequence[Member]], list[Ended]]
 """Runs members to their ends, in any order at once; their ends in the order of the members."""
@@ -105,8 +108,10 @@ def run_by_submitit(
     submitit = _optional("submitit", "sweeps")
     from hand_recon.sweeps.job import MemberJob
 
-    executor = submitit.AutoExecutor(folder=folder, cluster=cluster)
-    executor.update_parameters(**parameters)
+    # Restarts after a time limit are a matter of the executor; the rest goes to each job.
+    own = {key: parameters[key] for key in OF_THE_EXECUTOR if key in parameters}
+    executor = submitit.AutoExecutor(folder=folder, cluster=cluster, **own)
+    executor.update_parameters(**{key: parameters[key] for key in parameters if key not in own})
     with executor.batch():
         jobs = [executor.submit(MemberJob(member)) for member in members]
     for member, job in zip(members, jobs, strict=True):

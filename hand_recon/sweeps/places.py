@@ -13,7 +13,7 @@ class Place:
     cores: tuple[int, ...] = ()
     """Numbers of its cores; none for all."""
     gpu: str | None = None
-    """Its GPU as CUDA_VISIBLE_DEVICES names it; none where the machine has none."""
+    """Its GPUs as CUDA_VISIBLE_DEVICES names them; none where the machine has none."""
 
     def environment(self) -> dict[str, str]:
         """Variables of the environment of a process there."""
@@ -28,7 +28,7 @@ def places(at_once: int | None, cores: list[int], gpus: list[str]) -> list[Place
     Args:
         at_once: Runs at once; none for one per GPU, or one alone without GPUs; -1 for one per core.
         cores: Numbers of the cores.
-        gpus: Names of the GPUs; with more runs than GPUs, several share one.
+        gpus: Names of the GPUs; with more runs than GPUs, several share one, with fewer, each has several.
 
     Raises:
         ValueError: `at_once` is no such number.
@@ -41,9 +41,16 @@ def places(at_once: int | None, cores: list[int], gpus: list[str]) -> list[Place
         )
     groups = [tuple(cores[i::count]) or (cores[i % len(cores)],) for i in range(count)]
     return [
-        Place(group if count > 1 else (), gpus[i % len(gpus)] if gpus else None)
+        Place(group if count > 1 else (), _gpus_of(i, count, gpus))
         for i, group in enumerate(groups)
     ]
+
+
+def _gpus_of(run: int, count: int, gpus: list[str]) -> str | None:
+    """GPUs of one of several runs, as CUDA_VISIBLE_DEVICES names them."""
+    if not gpus:
+        return None
+    return ",".join(gpus[run::count] or [gpus[run % len(gpus)]])
 
 
 def usable_cores() -> list[int]:

@@ -13,7 +13,7 @@ import torch
 from omegaconf import OmegaConf
 
 from hand_recon.command_line import hydra_verb
-from hand_recon.command_line.run_folder import RunFolder
+from hand_recon.command_line.run_folder import OVERRIDE, RunFolder
 from hand_recon.command_line.user_errors import USER_ERRORS, reason_of, report_of_thread
 from hand_recon.data.whole_files import replaced_when_whole
 from hand_recon.fitting.hands_file import entries_so_far, hand_entries
@@ -22,6 +22,7 @@ from hand_recon.fitting.records_of_fits import to_records
 from hand_recon.hand.model import HandModel
 from hand_recon.runs import training_run
 from hand_recon.runs.checkpoint_writer import write_checkpoint
+from tests.support.configurations import composed
 from tests.support.fitted_hands import fitted
 
 
@@ -142,3 +143,8 @@ def test_a_run_folder_that_cannot_be_made_is_told(
         RunFolder().on_run_start(config)
     assert ended.value.code == 1
     assert str(tmp_path / "file" / "run") in capsys.readouterr().err
+
+
+def test_a_run_of_a_sweep_may_have_its_folder_checked_twice() -> None:
+    config = composed(OVERRIDE, OVERRIDE, name="train")
+    assert config.hydra.callbacks.run_folder["_target_"].endswith("RunFolder")

@@ -7,8 +7,10 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from hand_recon.sweeps import member_process
 from hand_recon.sweeps.launching import launch, run_by_submitit, run_locally, table
@@ -16,6 +18,8 @@ from hand_recon.sweeps.member_process import Ended, end_all, run_member, wait_fo
 from hand_recon.sweeps.places import Place
 from hand_recon.tables.member_record import ERROR_FILE, State, read_member
 from tests.support.member_scripts import finished_run, member, scripts
+
+ROOT = Path(__file__).resolve().parents[2]
 
 ENDS = """
 if "fail" in words:
@@ -187,3 +191,26 @@ def test_a_handler_can_wait_for_members_that_others_wait_for(
     signal.signal(signal.SIGUSR2, before)
     assert waited == [False, True]
     assert (ended.state, ended.told) == ("killed", "ended by SIGTERM")
+
+
+def test_the_settings_for_slurm_are_submitits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submitit = pytest.importorskip("submitit")
+    text = (ROOT / "conf/hydra/launcher/slurm.yaml").read_text(encoding="utf-8")
+    settings = {k: v for k, v in yaml.safe_load(text).items() if v is not None and k[0] != "_"}
+    settings |= {"name": "train"}
+    del settings["cluster"], settings["submitit_folder"]
+    begun: list[Any] = []
+
+    def stop(executor: object) -> None:
+        begun.append(executor)
+        raise InterruptedError
+
+    # As on a machine that has srun; no job is submitted.
+    monkeypatch.setattr(submitit.SlurmExecutor, "affinity", classmethod(lambda _: 2))
+    monkeypatch.setattr(submitit.AutoExecutor, "batch", stop)
+    with pytest.raises(InterruptedError):
+        run_by_submitit([], "slurm", str(tmp_path), settings)
+    assert begun[0]._executor.max_num_timeout == settings["slurm_max_num_timeout"]
+    assert begun[0]._executor.parameters["time"] == settings["timeout_min"]

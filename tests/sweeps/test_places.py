@@ -7,7 +7,13 @@ from hand_recon.sweeps.places import Place, places, visible_gpus
 
 def test_one_run_at_a_time_has_the_whole_machine() -> None:
     assert places(None, [0, 1, 2, 3], []) == [Place()]
-    assert places(1, [0, 1, 2, 3], ["0", "1"]) == [Place((), "0")]
+    assert places(1, [0, 1, 2, 3], ["0", "1"]) == [Place((), "0,1")]
+
+
+def test_fewer_runs_than_gpus_leave_none_out() -> None:
+    found = places(2, [0, 1], ["0", "1", "2", "3"])
+    assert [place.gpu for place in found] == ["0,2", "1,3"]
+    assert [place.gpu for place in places(3, [0, 1], ["0"])] == ["0", "0", "0"]
 
 
 def test_two_runs_share_no_core_and_leave_none_out() -> None:
