@@ -104,8 +104,13 @@ test-all: $(STAMP)  ## Run the slow tests too, and those for which GPU, MANO or 
 
 KILLS ?= 100
 
-soak: $(STAMP)  ## Kill trainings at random steps, KILLS=100 times in all, continue them, and compare every bit.
-	OMP_NUM_THREADS=1 $(BIN)/python tools/soak_resume.py --kills $(KILLS) $(ARGS)
+# Every part runs, also after one that failed.
+SOAKS := "soak_resume.py --kills $(KILLS)" "soak_processes.py --kills 6" soak_sweeps.py \
+  "soak_scale.py examples --images 24 --part 4 --kills 4 --rounds 0" "fuzz_readers.py --seconds 60"
+soak: $(STAMP)  ## Kill trainings (KILLS=100 times), processes, sweeps and workers, continue them, and compare every bit; fuzz a minute.
+	@failed=; for command in $(SOAKS); do echo "== tools/$$command"; \
+	  OMP_NUM_THREADS=1 $(BIN)/python tools/$$command || failed="$$failed $${command%% *}"; done; \
+	  test -z "$$failed" || { echo "Failed:$$failed" >&2; exit 1; }
 
 FUZZ_SECONDS ?= 300
 
