@@ -27,15 +27,16 @@ def read_image(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
 def decode_image(content: bytes) -> UInt8[np.ndarray, "height width 3"] | None:
     """Decode an RGB image; None if it is damaged, cut off or larger than `image_pixels` of `LIMITS`.
 
-    OpenCV silently fills the rest of a truncated JPEG with grey, so its end marker is looked for here.
-    The markers cannot occur inside compressed data.
+    A JPEG whose header does not tell its size counts as damaged. OpenCV silently fills the rest of a
+    truncated JPEG with grey, so its end marker is looked for here. The markers cannot occur inside
+    compressed data.
     """
     pixels = announced_pixels(content)
     if pixels is not None and pixels > LIMITS.image_pixels:
         logger.warning("%s", too_large("An image", pixels, "image_pixels", "pixels"))
         return None
     cut_off = content.rfind(END_OF_IMAGE) < content.rfind(START_OF_SCAN)
-    if not content or (content.startswith(b"\xff\xd8") and cut_off):
+    if not content or (content.startswith(b"\xff\xd8") and (pixels is None or cut_off)):
         return None
     try:
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)

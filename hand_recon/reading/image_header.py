@@ -12,6 +12,12 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8"
 _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Second bytes of JPEG's markers that a frame's height and width follow."""
+_ALONE: Final = frozenset({0x01, *range(0xD0, 0xD8)})
+"""Second bytes of markers that no length follows."""
+_ENDS: Final = frozenset({0xD8, 0xD9, 0xDA})
+"""Second bytes of markers that have to follow a frame's: another image, the end, compressed data."""
+_MARKER: Final = re.compile(rb"\xff([^\x00\xff])", re.DOTALL)
+"""Any marker: 00 is no second byte, and FF before a marker fills."""
 
 
 def announced_pixels(content: bytes) -> int | None:
@@ -41,19 +47,18 @@ def announced_pixels(content: bytes) -> int | None:
 
 
 def _pixels_of_jpeg(content: bytes) -> int | None:
-    """Height times width of the first frame's marker, looked for from marker to marker."""
-    position = 2
-    while position + 9 <= len(content) and content[position] == 0xFF:
-        kind = content[position + 1]
-        if kind == 0xFF:
-            position += 1
-            continue
-        length, height, width = (
-            int.from_bytes(content[start : start + 2], "big")
-            for start in (position + 2, position + 5, position + 7)
-        )
+    """Height times width of the first frame's marker, looked for from marker to marker as libjpeg does."""
+    position = len(_JPEG)
+    # Bytes before a marker are skipped, and a decoder tells no more than a warning about them.
+    while marker := _MARKER.search(content, position):
+        kind, position = marker[1][0], marker.end()
+        if kind in _ENDS:
+            return None
         if kind in _FRAMES:
-            return height * width
-        # Lengths count themselves; a shorter one would never end.
-        position += 2 + max(length, 2)
+            size = content[position + 3 : position + 7]
+            height, width = int.from_bytes(size[:2], "big"), int.from_bytes(size[2:], "big")
+            return height * width if len(size) == 4 else None
+        if kind not in _ALONE:
+            # Lengths count themselves; a shorter one would never end.
+            position += max(int.from_bytes(content[position : position + 2], "big"), 2)
     return None

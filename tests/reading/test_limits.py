@@ -42,6 +42,13 @@ def _jpeg() -> bytes:
     return bytes(content)
 
 
+def _jpeg_after(piece: bytes) -> bytes:
+    """A JPEG with a piece before its frame's marker, of which libjpeg takes no notice."""
+    content = _jpeg()
+    place = content.index(b"\xff\xc0")
+    return content[:place] + piece + content[place:]
+
+
 def _tiff() -> bytes:
     tags = [(256, SIDE), (257, SIDE), (258, 8), (259, 1), (262, 1), (273, 8), (277, 1), (279, 8)]
     entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
@@ -58,14 +65,18 @@ def _webp() -> bytes:
     return bytes(content)
 
 
-BOMBS: Final = {"png": _png, "jpg": _jpeg, "tif": _tiff, "webp": _webp}
+BOMBS: Final = {
+    "png": _png(), "jpg": _jpeg(), "tif": _tiff(), "webp": _webp(),
+    "extra.jpg": _jpeg_after(b"x"), "marker.jpg": _jpeg_after(b"\xff\x01"),
+}  # fmt: skip
+"""Contents of files whose headers announce too many pixels, by suffix."""
 
 
 @pytest.mark.parametrize("suffix", BOMBS)
 def test_an_image_that_announces_too_many_pixels_is_refused_by_its_header(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    content = BOMBS[suffix]()
+    content = BOMBS[suffix]
     file = tmp_path / f"bomb.{suffix}"
     file.write_bytes(content)
     decoded: list[object] = []
@@ -82,6 +93,41 @@ def test_the_pixels_of_a_valid_image_are_announced(form: str) -> None:
     stream = io.BytesIO()
     Image.new("RGB", (31, 17)).save(stream, form)
     assert announced_pixels(stream.getvalue()) == 31 * 17
+
+
+PIECES: Final = {
+    "extraneous bytes": b"abc", "stuffed FF": b"\xff\x00", "TEM": b"\xff\x01", "RST3": b"\xff\xd3",
+    "filling": b"\xff\xff\xff", "a comment": b"\xff\xfe\x00\x0b\xff\xc0\x00\x11\x08\x00\x01\x00\x01",
+    "a length of 0": b"\xff\xfe\x00\x00",
+}  # fmt: skip
+"""Pieces before a frame's marker that libjpeg skips."""
+
+
+@pytest.mark.parametrize("piece", PIECES)
+def test_the_pixels_of_a_jpeg_are_those_that_libjpeg_decodes(piece: str) -> None:
+    stream = io.BytesIO()
+    Image.new("RGB", (31, 17)).save(stream, "JPEG")
+    content = stream.getvalue()
+    place = content.index(b"\xff\xc0")
+    changed = content[:place] + PIECES[piece] + content[place:]
+    decoded = decode_image(changed)
+    assert decoded is not None
+    assert decoded.shape == (17, 31, 3)
+    assert announced_pixels(changed) == 31 * 17
+
+
+@pytest.mark.parametrize("ends", [b"\xff\xd8", b"\xff\xd9", b"\xff\xda\x00\x08", b""])
+def test_a_jpeg_whose_size_is_not_known_is_not_decoded(
+    ends: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded: list[object] = []
+    monkeypatch.setattr("cv2.imdecode", lambda *words: decoded.append(words))
+    content = _jpeg()
+    frame = content.index(b"\xff\xc0")
+    changed = content[:frame] + ends + content[frame:] if ends else content[: frame + 8]
+    assert announced_pixels(changed) is None
+    assert decode_image(changed + b"\xff\xd9") is None
+    assert not decoded
 
 
 def test_a_video_is_refused_by_the_size_of_its_frames() -> None:
