@@ -120,6 +120,7 @@ def test_a_wrong_checkpoint_claims_no_folder(folder: Path, runs: Path, tmp_path:
     assert not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_command_goes_on_with_the_same_checkpoint_alone(
     folder: Path, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -236,6 +237,7 @@ def test_examples_with_mediapipes_landmarks(runs: Path, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "index.html").is_file()
 
 
+@pytest.mark.slow
 def test_hands_on_standard_output(folder: Path, runs: Path) -> None:
     words = [
         sys.executable, "-m", "hand_recon", "predict", f"photos/{TWO}", "--json", "-", "--side", "right",

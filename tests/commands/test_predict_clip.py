@@ -110,6 +110,7 @@ def test_each_hand_has_one_shape_and_one_person_has_one(
         assert len({tuple(entry["shape"]) for entry in read(out)}) == count
 
 
+@pytest.mark.slow
 def test_long_clips_have_a_hand_to_a_line(
     detector: ScriptedDetector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,12 +81,12 @@ def interrupted(config: DictConfig, place: Any, name: str, call: int) -> None:  
         (ScriptedDetector, "__call__", 8),
         pytest.param((ScriptedDetector, "__call__", FRAMES), marks=pytest.mark.slow),
         pytest.param((fitting, "shape_of_hands", 2), marks=pytest.mark.slow),
-        (fitting, "_fit_to_file", 2),
+        pytest.param((fitting, "_fit_to_file", 2), marks=pytest.mark.slow),
         pytest.param((clip_run, "motion_of", 2), marks=pytest.mark.slow),
         pytest.param((results, "hand_entries", 1), marks=pytest.mark.slow),
         pytest.param((clip_run, "write_motions", 1), marks=pytest.mark.slow),
         (results, "write_animated_glb", 1),
-        (drawing, "draw_clip_frame", 5),
+        pytest.param((drawing, "draw_clip_frame", 5), marks=pytest.mark.slow),
         pytest.param((clip_run, "steadiness", 1), marks=pytest.mark.slow),
     ],
 )
@@ -141,6 +141,7 @@ def test_other_settings_do_not_go_on(
         predict(asked(clip, tmp_path / "out", "motion.palms_every=3"))
 
 
+@pytest.mark.slow
 def test_another_number_of_processes_goes_on(
     hands: dict[str, np.ndarray],
     never_killed: bytes,
@@ -165,6 +166,7 @@ def test_another_video_of_the_same_name_does_not_go_on(
         predict(asked(clip, tmp_path / "out"))
 
 
+@pytest.mark.slow
 def test_a_network_looks_at_every_frame_once(
     hands: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

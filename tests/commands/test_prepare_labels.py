@@ -154,6 +154,7 @@ def test_the_labels_train_as_they_are(folder: Path) -> None:
     assert {"E_2D", "PCK@0.05"} <= set(metrics["test"])
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_the_folder_by_position_whatever_it_is_called(folder: Path) -> None:
     # Also like another task.
     (folder / "photos").rename(folder / "mano")

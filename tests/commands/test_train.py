@@ -128,6 +128,7 @@ def test_a_run_is_not_continued_with_other_settings(
         train(settings(cache, tmp_path, *SMALL, "prior=none", f"resume={folder}"))
 
 
+@pytest.mark.slow
 def test_a_freihand_folder_trains_and_is_evaluated(
     run: tuple[Path, dict[str, object]], cache: Path, tmp_path: Path
 ) -> None:

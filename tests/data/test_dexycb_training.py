@@ -22,6 +22,7 @@ SMALL = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hand", ["open", "mano"])
 def test_a_dexycb_folder_trains_and_is_evaluated(hand: str, tmp_path: Path) -> None:
     mano = write_mano_folder(tmp_path / "mano")

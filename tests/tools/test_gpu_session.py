@@ -192,6 +192,7 @@ def test_rows_for_which_no_time_is_left_are_left_out(carried: Path, tmp_path: Pa
     assert not list(tmp_path.glob("*.safetensors"))
 
 
+@pytest.mark.slow
 def test_a_process_that_hangs_is_ended(tmp_path: Path) -> None:
     """A session that would last for an hour; what it had written stays."""
     words = [str(tmp_path), "--out", str(tmp_path), "--minutes", "-0.1"]
