@@ -21,18 +21,12 @@ from hand_recon.runs.unfinished import (
 )
 from hand_recon.scale.extra import arrow_module, check_ray, daft_module
 from hand_recon.scale.image_worker import ImageWorker
-from hand_recon.scale.parts import PartFiles
+from hand_recon.scale.parts import MANIFEST, PARTS, PartFiles
 from hand_recon.scale.places import Places, places_of
 from hand_recon.scale.settings import worker_settings
 from hand_recon.scale.udfs import HandsOfPlaces, worker_column
 
 logger = logging.getLogger(__name__)
-
-MANIFEST: Final = "manifest.json"
-"""File of a complete folder: input, settings, parts and counts."""
-
-PARTS: Final = "hands"
-"""Folder of the part files, which holds nothing else, so that it is read as one table."""
 
 ATTEMPTS: Final = 3
 """Times in a row that workers may fail without a new part."""
@@ -59,11 +53,11 @@ def predict_in_parts(config: DictConfig) -> dict[str, Any]:
     daft = _started(config)
     refuse_other_results(config)
     given = config.input
-    places = places_of([given] if isinstance(given, str) else list(given), config.column)
+    folder = results_folder(config)
+    places = places_of([given] if isinstance(given, str) else list(given), config.column, folder)
     worker = worker_settings(config)
     # What every worker would refuse is said here, once.
     ImageWorker(worker)
-    folder = results_folder(config)
     parts = _claimed(config, folder, places)
     logger.info(
         "Reconstructing the hands of %d images into %s, %d of %d parts are there already.",

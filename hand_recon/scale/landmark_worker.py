@@ -128,8 +128,14 @@ def points_of(value: Any, axes: int) -> Float[np.ndarray, "landmark=21 axis"]:  
         raise ValueError(
             f"The landmarks are no array of numbers; expected 21 × {axes}, null where a point is missing."
         ) from None
-    if array.size != 21 * axes:
-        raise ValueError(f"The landmarks have the shape {array.shape}; expected (21, {axes}).")
+    # Others with as many numbers, such as all u before all v, would become scrambled hands.
+    if array.shape not in ((21, axes), (21 * axes,)):
+        raise ValueError(
+            f"The landmarks have the shape {array.shape}; expected (21, {axes}) or ({21 * axes},), point "
+            "after point. Transpose them."
+            if array.shape == (axes, 21)
+            else f"The landmarks have the shape {array.shape}; expected (21, {axes}) or ({21 * axes},)."
+        )
     return array.reshape(21, axes)
 
 

@@ -10,6 +10,12 @@ from hand_recon import __version__
 from hand_recon.formats.new_file import refuse_existing
 from hand_recon.scale.extra import arrow_module, parquet_module
 
+MANIFEST: Final = "manifest.json"
+"""File of a complete folder: input, settings, parts and counts."""
+
+PARTS: Final = "hands"
+"""Folder of the part files, which holds nothing else, so that it is read as one table."""
+
 UNFINISHED: Final = ".unfinished"
 """Ending of a part file that is being written; its name also begins with a dot, so that readers of Parquet
 folders leave it out."""

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from hand_recon.data.photos.formats import PhotoError, shown
-from hand_recon.data.photos.listing import natural_order, photo_files
+from hand_recon.data.photos.listing import photo_files
 from hand_recon.runs.unfinished import file_state
 from hand_recon.scale.extra import arrow_module, parquet_module
+from hand_recon.scale.given_tables import given_tables
 from hand_recon.scale.lerobot import INFO, LeRobotFrames, frames_of_dataset
 
 IMAGE_COLUMNS = ("image", "image_path", "path", "file", "file_name", "img", "picture")
@@ -45,16 +46,17 @@ class Places:
         return {"images": len(self), "column": self.column, "digest": digest.hexdigest()}
 
 
-def places_of(inputs: Sequence[str], column: str | None) -> Places:
+def places_of(inputs: Sequence[str], column: str | None, output: Path | None = None) -> Places:
     """Find the images of an input.
 
     Args:
         inputs: Photographs and folders of them, or Parquet files and folders of them, or one folder of a
             LeRobot dataset.
         column: Column of the images of Parquet files, or camera of a LeRobot dataset; None to recognise it.
+        output: Folder of the results, whose part files are no input; None if there is none.
 
     Raises:
-        ValueError: There is no image, or the column is not clear.
+        ValueError: There is no image, or the column is not clear, or photographs and tables are mixed.
     """
     paths = [Path(one).expanduser() for one in inputs]
     datasets = [path for path in paths if (path / INFO).is_file()]
@@ -65,8 +67,7 @@ def places_of(inputs: Sequence[str], column: str | None) -> Places:
                 "expected one dataset alone. Run the command for each."
             )
         return _of_lerobot(frames_of_dataset(datasets[0], column))
-    tables = [file for path in paths for file in _parquet_files(path)]
-    if tables:
+    if tables := given_tables(paths, output):
         return _of_parquet(tables, column)
     if column is not None:
         raise ValueError(
@@ -74,13 +75,6 @@ def places_of(inputs: Sequence[str], column: str | None) -> Places:
             "Leave it out."
         )
     return _of_files(photo_files(inputs))
-
-
-def _parquet_files(path: Path) -> list[Path]:
-    if path.is_dir():
-        found = [one for one in path.rglob("*.parquet") if not one.name.startswith((".", "_"))]
-        return sorted(found, key=natural_order)
-    return [path] if path.suffix.lower() == ".parquet" else []
 
 
 def _of_files(files: Sequence[Path]) -> Places:

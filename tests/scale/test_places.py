@@ -86,6 +86,52 @@ def test_rows_of_parquet_files_are_places_in_natural_order(tmp_path: Path) -> No
         places_of([str(tmp_path)], "photo")
 
 
+def test_photographs_and_tables_together_are_refused(tmp_path: Path) -> None:
+    """Also a folder of photographs with a table about them beside: neither is lost without a word."""
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    # A photograph is known by its contents, too.
+    photo, table = photos / "front", photos / "metadata.parquet"
+    photo.write_bytes(Path("examples/hand.jpg").read_bytes())
+    write_images(table, 2, "image", group=2)
+    for given in ([str(photo), str(table)], [str(photos)], [str(table), str(photos)]):
+        told = rf"Found the Parquet file {table} and {photo}; expected either .* Run the command for each"
+        with pytest.raises(ValueError, match=told):
+            places_of(given, None)
+    assert len(places_of([str(table)], None)) == 2
+    assert len(places_of([str(photo)], None)) == 1
+
+
+def test_results_below_the_photographs_are_no_input(tmp_path: Path) -> None:
+    """Such as those of the same command, interrupted, or of an earlier one."""
+    photos, output = tmp_path / "photos", tmp_path / "photos" / "out"
+    (output / "hands").mkdir(parents=True)
+    (photos / "a.jpg").write_bytes(Path("examples/hand.jpg").read_bytes())
+    write_images(output / "hands" / "part-00000.parquet", 2, "path", group=2)
+    with pytest.raises(ValueError, match="expected either Parquet files or photographs"):
+        places_of([str(photos)], None)
+    assert places_of([str(photos)], None, output).column is None
+    (output / "unfinished.json").write_text("{}")
+    assert len(places_of([str(photos)], None, tmp_path / "other")) == 1
+    (output / "unfinished.json").unlink()
+    (output / "manifest.json").write_text(json.dumps({"rows_of_a_part": 2}))
+    assert len(places_of([str(photos)], None)) == 1
+    # A dataset with a manifest of its own is an input, and so are results that are named.
+    (photos / "a.jpg").unlink()
+    assert places_of([str(output)], None).column == "path"
+    (output / "manifest.json").write_text(json.dumps({"files": []}))
+    assert places_of([str(photos)], None).column == "path"
+
+
+def test_results_in_the_folder_of_the_photographs_themselves_are_no_input(tmp_path: Path) -> None:
+    (tmp_path / "hands").mkdir()
+    (tmp_path / "unfinished.json").write_text("{}")
+    (tmp_path / "a.jpg").write_bytes(Path("examples/hand.jpg").read_bytes())
+    write_images(tmp_path / "hands" / "part-00000.parquet", 2, "path", group=2)
+    places = places_of([str(tmp_path)], None, tmp_path)
+    assert [path.name for path in places.files] == ["a.jpg"]
+
+
 def test_a_table_without_images_is_told_its_columns(tmp_path: Path) -> None:
     import pyarrow.parquet
 

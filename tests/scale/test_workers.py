@@ -20,7 +20,7 @@ from hand_recon.runs.audit.sources import Reading, read_given
 from hand_recon.scale.audit_worker import AuditTask, AuditWorker
 from hand_recon.scale.image_worker import ImageTask, ImageWorker
 from hand_recon.scale.isolation import rows_or_errors
-from hand_recon.scale.landmark_worker import LandmarkTask, LandmarkWorker
+from hand_recon.scale.landmark_worker import LandmarkTask, LandmarkWorker, points_of
 from hand_recon.scale.schema import NUMBERS, numbers
 from hand_recon.scale.settings import plain_settings
 from hand_recon.schema import HandBatch
@@ -166,12 +166,24 @@ def test_landmarks_give_the_hands_of_the_command(folder: Path) -> None:
     told = (
         "landmarks are null",
         "side is",
-        "shape (1, 2); expected (21, 2)",
+        "shape (1, 2); expected (21, 2) or (42,)",
         "no array of numbers",
     )
     for row, text in zip(rows[1:5], told, strict=True):
         assert row["hand"] is None
         assert text in row["error"]
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_landmarks_are_accepted_point_after_point_alone(axes: int) -> None:
+    points = np.arange(21.0 * axes).reshape(21, axes)
+    for given in (points, points.ravel(), points.tolist(), points.ravel().tolist()):
+        np.testing.assert_array_equal(points_of(given, axes), points)
+    with pytest.raises(ValueError, match=rf"shape \({axes}, 21\); expected .* Transpose them"):
+        points_of(points.T.tolist(), axes)
+    for other in (points[None], points.reshape(7, -1)):
+        with pytest.raises(ValueError, match=rf"expected \(21, {axes}\) or \({21 * axes},\)\.$"):
+            points_of(other, axes)
 
 
 @pytest.mark.slow
