@@ -17,6 +17,7 @@ from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits, scenes_of
 from hand_recon.data.progress import with_progress
+from hand_recon.data.shards.datamodule import ShardDataModule
 from hand_recon.data.shards.encoding import Encoding
 from hand_recon.data.shards.facts import Facts, facts_of, read_facts
 from hand_recon.data.shards.labels import labels_to_json
@@ -52,6 +53,7 @@ class _Source:
     table: AnnotatedHands
     rows_of_image: Sequence[Sequence[int]]
     groups: np.ndarray
+    """Number of each row's group; -1 for rows of no image that is taken."""
     facts: Facts
     encoding: Encoding
 
@@ -117,7 +119,8 @@ def _source(config: DictConfig) -> _Source:
     fields = None if config.fields is None else Path(config.fields).expanduser()
     facts = read_facts(Path(config.labels).expanduser(), fields, plain(config.facts))
     images = _images(table, facts, config.split)
-    return _Source(table, images, _groups(table, facts, config.group_by), facts, encoding)
+    groups = _groups(table, images, facts, config.group_by)
+    return _Source(table, images, groups, facts, encoding)
 
 
 def _images(table: AnnotatedHands, facts: Facts, split: str | None) -> list[list[int]]:
@@ -135,16 +138,25 @@ def _images(table: AnnotatedHands, facts: Facts, split: str | None) -> list[list
     return kept
 
 
-def _groups(table: AnnotatedHands, facts: Facts, group_by: str) -> np.ndarray:
-    """Number of each hand's group: of its person where one is known, else of its image."""
-    names = scenes_of(table)
+def _groups(
+    table: AnnotatedHands, images: Sequence[Sequence[int]], facts: Facts, group_by: str
+) -> np.ndarray:
+    """Number of each hand's group: of its person where one is known, else of its image.
+
+    Groups are numbered from 0 among the hands of the given images; other hands have none (-1).
+    """
+    rows = sorted(itertools.chain.from_iterable(images))
+    scenes = scenes_of(table)
+    names = [scenes[row] for row in rows]
     if group_by == "person":
-        persons = (facts_of(facts, table.source(row)).get("person") for row in range(len(table)))
+        persons = (facts_of(facts, table.source(row)).get("person") for row in rows)
         names = [
             name if person is None else f"person {person}"
             for name, person in zip(names, persons, strict=True)
         ]
-    return np.unique(names, return_inverse=True)[1]
+    groups = np.full(len(table), -1)
+    groups[rows] = np.unique(names, return_inverse=True)[1]
+    return groups
 
 
 def _write_all(config: DictConfig, source: _Source, folder: Path) -> tuple[list[Shard], list[str]]:
@@ -227,7 +239,9 @@ def _summary(folder: Path, manifest: Manifest, damaged: list[str]) -> dict[str, 
         f"{folder}: {len(manifest.shards)} shards, {images} images, {manifest.hands} hands, "
         f"{size / 1e6:.1f} MB; {len(damaged)} images were left out."
     )
-    console.print(f"hand-recon train data=shards data.train={folder}")
+    known = manifest.landmark_set
+    chosen = "" if known in (None, ShardDataModule.landmark_set) else f" data.landmark_set={known}"
+    console.print(f"hand-recon train data=shards data.train={folder}{chosen}")
     return {
         "folder": str(folder), "shards": len(manifest.shards), "images": images, "hands": manifest.hands,
         "damaged": damaged,

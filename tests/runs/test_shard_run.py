@@ -40,6 +40,11 @@ def images_in(folder: Path) -> list[bytes]:
     return found
 
 
+def groups_in(folder: Path) -> list[int]:
+    """Group of every hand of a folder of shards, in order."""
+    return [int(group) for path in sorted(folder.glob("*.npy")) for group in np.load(path)["group"]]
+
+
 @pytest.fixture
 def labels(tmp_path: Path) -> Path:
     return labelled_images(tmp_path / "images")
@@ -98,9 +103,30 @@ def test_hands_of_a_person_or_of_a_split_are_kept_together(labels: Path, tmp_pat
     by_person = shards(labels, tmp_path / "a", "group_by=person")
     assert json.loads((by_person / MANIFEST).read_text())["groups"] == 3
     train = shards(labels, tmp_path / "b", "split=train")
-    assert json.loads((train / MANIFEST).read_text())["images"] == 4
+    told = json.loads((train / MANIFEST).read_text())
+    # The groups of the five images of the other split are not counted.
+    assert (told["images"], told["groups"]) == (4, 4)
+    assert groups_in(train) == [0, 0, 1, 1, 2, 2, 3, 3]
+    test = shards(labels, tmp_path / "d", "split=test")
+    assert json.loads((test / MANIFEST).read_text())["groups"] == 5
+    assert sorted(set(groups_in(test))) == [0, 1, 2, 3, 4]
     with pytest.raises(ValueError, match=r"No image has the split 'val'.*\['test', 'train'\]"):
         shards(labels, tmp_path / "c", "split=val")
+
+
+def test_shards_are_trained_with_the_landmark_set_that_they_were_made_with(
+    labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shards(labels, tmp_path / "a", "landmark_set=mediapipe")
+    assert f"data.train={folder} data.landmark_set=mediapipe\n" in capsys.readouterr().err
+    told = r"follow the landmark set 'mediapipe', .* 'knuckle'. Set data.landmark_set=mediapipe"
+    with pytest.raises(ValueError, match=told):
+        data_of(folder).dataset("train")
+    assert len(data_of(folder, landmark_set="mediapipe").dataset("train")) == 14
+    own = shards(labels, tmp_path / "b", "landmark_set=knuckle")
+    assert f"data.train={own}\n" in capsys.readouterr().err
+    with pytest.raises(ValueError, match=r"'knuckle', .* 'mano'"):
+        data_of(own, landmark_set="mano").dataset("val")
 
 
 def test_an_interrupted_command_goes_on_and_ends_with_the_same_bytes(

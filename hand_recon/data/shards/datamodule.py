@@ -33,7 +33,7 @@ class ShardDataModule(ImageDataModule):
             **options: Those of `ImageDataModule`, and fields of `ShardRecipe`.
         """
         super().__init__(**options)
-        self._splits = ShardSplits(self.recipe)
+        self._splits = ShardSplits(self.recipe, self.landmark_set)
 
     def train_dataloader(self) -> DataLoader[HandSample]:
         """Shuffled batches of equal size; fewer samples than one batch make a smaller batch."""

@@ -92,9 +92,15 @@ class ShardRecipe:
 class ShardSplits:
     """The datasets of a recipe; shards that several splits share are opened once."""
 
-    def __init__(self, recipe: ShardRecipe) -> None:
-        """Store the recipe; nothing is opened before it is needed."""
+    def __init__(self, recipe: ShardRecipe, landmark_set: str | None = None) -> None:
+        """Store the settings; nothing is opened before it is needed.
+
+        Args:
+            recipe: The recipe.
+            landmark_set: Landmark set that the labels are to follow; None accepts all.
+        """
         self.recipe = recipe
+        self.landmark_set = landmark_set
 
     def dataset(self, split: str) -> ShardedImages:
         """The dataset of a split, built on each call.
@@ -104,7 +110,8 @@ class ShardSplits:
 
         Raises:
             FileNotFoundError: There are no shards at a place.
-            ValueError: A manifest or shard is damaged, or there are too few images to share.
+            ValueError: A manifest or shard is damaged, labels follow another landmark set, or there are too
+                few images to share.
             ConnectionError: A server cannot be reached.
         """
         recipe = self.recipe
@@ -126,8 +133,19 @@ class ShardSplits:
                     f"around={around}. Set data.crop.around={store.manifest.around}, or make the shards with "
                     f"around={around}."
                 )
+        for store in rows.stores:
+            self._check_landmark_set(store)
         crop = replace(recipe.crop, around="box" if around == "joints" else around)
         return ShardedImages(rows, chosen, crop, recipe.reading.max_corrupt)
+
+    def _check_landmark_set(self, store: ShardStore) -> None:
+        found = store.manifest.landmark_set
+        if None not in (found, self.landmark_set) and found != self.landmark_set:
+            raise ValueError(
+                f"The labels of {store.where} follow the landmark set {found!r}, and training expects "
+                f"{self.landmark_set!r}. Set data.landmark_set={found}, or make the shards with "
+                f"landmark_set={self.landmark_set} if that is what the labels follow."
+            )
 
     @cached_property
     def _training(self) -> ShardRows:
