@@ -152,7 +152,8 @@ def test_a_missing_version_is_named(tmp_path: Path) -> None:
 def test_lists_of_unequal_length_are_refused(folder: Folder) -> None:
     write_json(folder.root / "training_K.json", folder.intrinsics[:19])
     with pytest.raises(
-        ValueError, match=r"training_K.json holds an array of 19 × 3 × 3, expected 20"
+        ValueError,
+        match=r"training_K.json holds an array of 19 × 3 × 3, expected 20.*of training_xyz\.json\)",
     ):
         FreiHand("train", FreiHandRecipe(folder.root, FULL))
 

@@ -196,9 +196,10 @@ def _check_shape(path: Path, array: np.ndarray, shape: tuple[int | None, ...]) -
     ]
     if list(array.shape) != wanted or array.ndim != len(shape):
         expected = " × ".join("any" if size is None else str(size) for size in shape)
+        landmarks = f"{path.name.rpartition('_')[0]}_xyz.json"
         raise ValueError(
             f"{path} holds an array of {' × '.join(map(str, array.shape))}, expected {expected} "
-            "(one entry per hand of the _xyz file). Take all annotations from the same archive."
+            f"(one entry per hand of {landmarks}). Take all annotations from the same archive."
         )
 
 

@@ -31,13 +31,18 @@ def read_table(path: Path) -> GivenHands:
         path: The CSV file, with commas, semicolons or tabs between its cells.
 
     Raises:
-        ValueError: The table has neither.
+        ValueError: The table has neither, or no hands.
     """
     rows = _rows(path)
     # Numbers in order are the names that a table without names gets when it is saved.
     header = rows[0] if rows and _is_header(rows[0]) else []
     body = rows[1:] if header else rows
-    width = len(body[0]) if body else 0
+    if not body:
+        raise ValueError(
+            f"{path} has no rows of numbers; expected one or more hands. Check that the quotes of its cells "
+            "are closed, or write the table again."
+        )
+    width = len(body[0])
     for number, row in enumerate(body, start=2 if header else 1):
         if len(row) != width:
             raise ValueError(
@@ -46,7 +51,7 @@ def read_table(path: Path) -> GivenHands:
             )
     table = np.array([[_number(cell) for cell in row] for row in body]).reshape(len(body), width)
     columns = _columns(header)
-    if columns is not None and body and max(columns) >= width:
+    if columns is not None and max(columns) >= width:
         raise ValueError(
             f"{path} has {width} cells in its rows and {len(header)} names of columns; expected as many. "
             "Complete the rows, with nan for what is missing."
