@@ -18,8 +18,9 @@ from hand_recon.data.crop import CropPolicy
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits, scenes_of
 from hand_recon.data.progress import with_progress
 from hand_recon.data.shards.datamodule import ShardDataModule
-from hand_recon.data.shards.encoding import Encoding
+from hand_recon.data.shards.encoding import Encoding, too_many_bytes
 from hand_recon.data.shards.facts import Facts, facts_of, read_facts
+from hand_recon.data.shards.index import LARGEST_LABELS
 from hand_recon.data.shards.labels import labels_to_json
 from hand_recon.data.shards.manifest import MANIFEST, Manifest, Shard
 from hand_recon.data.shards.writer import ShardImage, write_shard
@@ -47,6 +48,16 @@ _MAY_CHANGE: Final = ("workers", "max_damaged", "source", "task")
 
 
 @dataclass(frozen=True)
+class _LeftOut:
+    """An image that is not written."""
+
+    name: str
+    """Path from the folder of the images."""
+    reason: str
+    """Clause for messages."""
+
+
+@dataclass(frozen=True)
 class _Source:
     """Everything that shards are made of."""
 
@@ -57,14 +68,20 @@ class _Source:
     facts: Facts
     encoding: Encoding
 
-    def image(self, number: int) -> "ShardImage | str":
-        """An image with its labels; its name if it cannot be read."""
+    def image(self, number: int) -> "ShardImage | _LeftOut":
+        """An image with its labels, or the reason for which it has no place in a shard."""
         rows = self.rows_of_image[number]
         name = self.table.source(rows[0])
-        encoded = self.encoding.read(self.table.images[rows[0]])
-        if encoded is None:
-            return name
+        try:
+            encoded = self.encoding.read(self.table.images[rows[0]])
+        except ValueError as error:
+            return _LeftOut(name, str(error))
         labels = labels_to_json(self.table, rows, facts_of(self.facts, name), encoded.scale)
+        if len(labels) > LARGEST_LABELS:
+            told = too_many_bytes(
+                f"the text of its {len(rows)} labels", len(labels), LARGEST_LABELS
+            )
+            return _LeftOut(name, told)
         groups = self.groups[list(rows)].tolist()
         return ShardImage(number, encoded.suffix, encoded.content, labels, groups)
 
@@ -198,16 +215,16 @@ def _readable(
             if isinstance(image, ShardImage):
                 yield image
             else:
-                logger.warning("%s cannot be read and is left out.", image)
-                unreadable.append(image)
+                logger.warning("%s is left out: %s.", image.name, image.reason)
+                unreadable.append(image.name)
 
 
 def _check_damaged(damaged: list[str], most: int) -> None:
     if len(damaged) > most:
         raise ValueError(
-            f"{len(damaged)} images cannot be read, more than max_damaged={most}; the first: "
-            f"{', '.join(itertools.islice(damaged, 5))}. Copy them again, or raise max_damaged: the same "
-            "command goes on where it stopped."
+            f"{len(damaged)} images cannot be read or written, more than max_damaged={most}; the first: "
+            f"{', '.join(itertools.islice(damaged, 5))}. The log has the reasons. Copy them again, "
+            "or raise max_damaged: the same command goes on where it stopped."
         )
 
 
@@ -215,7 +232,9 @@ def _manifest(
     config: DictConfig, source: _Source, shards: list[Shard], damaged: list[str]
 ) -> Manifest:
     if not shards:
-        raise ValueError(f"None of {len(damaged)} images can be read; no shards are written.")
+        raise ValueError(
+            f"None of {len(damaged)} images can be read and written; no shards are written."
+        )
     options = {
         key: value
         for key, value in plain(config).items()

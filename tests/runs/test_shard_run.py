@@ -5,11 +5,13 @@ import tarfile
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from hand_recon.data.datamodule import load_batch
 from hand_recon.data.images import decode_image
+from hand_recon.data.shards.encoding import Encoding
 from hand_recon.data.shards.manifest import MANIFEST
 from hand_recon.data.shards.writer import write_shard
 from hand_recon.runs.shard_run import prepare_shards
@@ -170,13 +172,34 @@ def test_unreadable_images_are_named_and_left_out_up_to_a_limit(
     broken = labels.parent / "image4.png"
     broken.write_bytes(broken.read_bytes()[:100])
     (labels.parent / "image5.png").unlink()
-    with pytest.raises(ValueError, match=r"2 images cannot be read.*image4.png, image5.png"):
+    with pytest.raises(
+        ValueError, match=r"2 images cannot be read or written.*image4.png, image5.png"
+    ):
         prepare_shards(asked(labels, tmp_path / "out", "max_damaged=1"))
     told = prepare_shards(asked(labels, tmp_path / "out", "max_damaged=2"))
     assert told["damaged"] == ["image4.png", "image5.png"]
     assert (told["images"], told["hands"]) == (7, 14)
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert manifest["about"]["unreadable"] == ["image4.png", "image5.png"]
+
+
+def test_what_training_would_refuse_is_not_written(
+    labels: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    # A JPEG has 65,535 pixels on a side at most.
+    cv2.imwrite(str(labels.parent / "image2.png"), np.zeros((1, 70_000, 3), np.uint8))
+    hands = json.loads(labels.read_text())
+    hands += [hands[6]] * 1100
+    labels.write_text(json.dumps(hands))
+    told = prepare_shards(asked(labels, tmp_path / "out", "jpeg_quality=90"))
+    assert told["damaged"] == ["image2.png", "image3.png"]
+    assert "image2.png is left out: 70000 × 1 pixels cannot be encoded as JPEG" in caplog.text
+    assert "image3.png is left out: the text of its 1102 labels has 1," in caplog.text
+    assert len(data_of(tmp_path / "out").dataset("train")) == 2 * 5
+    size = len(images_in(tmp_path / "out")[0])
+    monkeypatch.setattr("hand_recon.data.shards.encoding.LARGEST_IMAGE", size - 1)
+    with pytest.raises(ValueError, match=f"its JPEG has {size:,} bytes, and shards hold up to"):
+        Encoding(jpeg_quality=90).read(labels.parent / "image0.png")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from hand_recon.data.images import decode_image
 from hand_recon.data.photos.formats import PHOTO_SUFFIXES
@@ -48,21 +49,28 @@ class Encoding:
         if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
             raise ValueError(f"jpeg_quality={self.jpeg_quality}; expected 1 to 100, or null.")
 
-    def read(self, path: Path) -> EncodedImage | None:
-        """Read an image file and encode it; None if it is damaged, missing or beyond `LARGEST_IMAGE`.
+    def read(self, path: Path) -> EncodedImage:
+        """Read an image file and encode it.
 
         A JPEG that is made here is upright and has no metadata.
 
         Args:
             path: The file.
+
+        Raises:
+            ValueError: It is damaged, missing, or beyond `LARGEST_IMAGE` as it is or encoded; or no JPEG has
+                so many pixels on a side.
         """
         try:
-            content = path.read_bytes() if path.stat().st_size <= LARGEST_IMAGE else b""
-        except OSError:
-            return None
+            size = path.stat().st_size
+            content = path.read_bytes() if size <= LARGEST_IMAGE else b""
+        except OSError as error:
+            raise ValueError(f"it cannot be read ({error.strerror})") from error
+        if size > LARGEST_IMAGE:
+            raise ValueError(too_many_bytes("its file", size, LARGEST_IMAGE))
         pixels = decode_image(content)
         if pixels is None:
-            return None
+            raise ValueError("it is damaged or no image")
         height, width = pixels.shape[:2]
         shrinks = self.max_side is not None and max(height, width) > self.max_side
         if not shrinks and self.jpeg_quality is None:
@@ -72,7 +80,38 @@ class Encoding:
             ratio = self.max_side / max(height, width)
             size = (max(1, round(width * ratio)), max(1, round(height * ratio)))
             pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA))
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality or QUALITY]
-        encoded = cv2.imencode(".jpg", pixels[..., ::-1], quality)[1].tobytes()
         scale = (pixels.shape[1] / width, pixels.shape[0] / height)
-        return EncodedImage(encoded, ".jpg", scale)
+        return EncodedImage(_jpeg(pixels, self.jpeg_quality or QUALITY), ".jpg", scale)
+
+
+def _jpeg(pixels: UInt8[np.ndarray, "height width 3"], quality: int) -> bytes:
+    """Content of a JPEG file.
+
+    Raises:
+        ValueError: It cannot be encoded, or is beyond `LARGEST_IMAGE`.
+    """
+    reason = ""
+    try:
+        done, encoded = cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    except cv2.error as error:
+        done, encoded, reason = False, np.empty(0, np.uint8), f" ({error.err})"
+    if not done or not len(encoded):
+        height, width = pixels.shape[:2]
+        raise ValueError(
+            f"{width} × {height} pixels cannot be encoded as JPEG{reason}, which holds up to 65,500 on a "
+            "side; set max_side"
+        )
+    if len(encoded) > LARGEST_IMAGE:
+        raise ValueError(too_many_bytes("its JPEG", len(encoded), LARGEST_IMAGE))
+    return encoded.tobytes()
+
+
+def too_many_bytes(what: str, found: int, most: int) -> str:
+    """Reason for leaving an image out whose file or labels no training would read.
+
+    Args:
+        what: Noun phrase of the content.
+        found: Its bytes.
+        most: Most bytes that are read.
+    """
+    return f"{what} has {found:,} bytes, and shards hold up to {most:,}"
