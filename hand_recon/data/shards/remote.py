@@ -34,6 +34,10 @@ class RefusedError(ValueError):
     """An answer that another attempt does not change."""
 
 
+class TransferError(OSError):
+    """An answer that is incomplete, has other bytes, or tells of a fault that may pass."""
+
+
 def is_url(place: str) -> bool:
     """True for an http or https address."""
     return place.startswith(("http://", "https://"))
@@ -103,7 +107,7 @@ class Web:
                     )
                 content: bytes = answer.raw.read(size + 1)
             if len(content) != size:
-                raise OSError(f"{len(content)} bytes came, expected {size}")
+                raise TransferError(f"{len(content)} bytes came, expected {size}")
             return content
 
         return self._repeated(url, get)
@@ -117,8 +121,9 @@ class Web:
             target: Its place.
 
         Raises:
-            ValueError: The server refuses it, or it has another size or checksum at each attempt.
-            ConnectionError: All attempts failed.
+            ValueError: The server refuses it.
+            ConnectionError: All attempts failed, or gave a file of another size or checksum.
+            OSError: It cannot be written, as on a full disk; no other attempt is made.
         """
         unfinished = target.with_name(f"{target.name}.part")
 
@@ -132,13 +137,18 @@ class Web:
                     digest.update(chunk)
                     stream.write(chunk)
             if size != file.bytes or digest.hexdigest() != file.sha256:
-                raise OSError(
+                raise TransferError(
                     f"{size:,} bytes came whose checksum begins with {digest.hexdigest()[:8]}, and the "
                     f"manifest says {file.bytes:,} and {file.sha256[:8]}"
                 )
             os.replace(unfinished, target)
 
-        self._repeated(url, get)
+        try:
+            self._repeated(url, get)
+        except BaseException:
+            # Room for other files; each attempt begins anew.
+            unfinished.unlink(missing_ok=True)
+            raise
 
     def _repeated(self, url: str, get: Callable[[], Result]) -> Result:
         errors = importlib.import_module("requests.exceptions")
@@ -146,7 +156,7 @@ class Web:
         for attempt in range(1, self.attempts + 1):
             try:
                 return get()
-            except (OSError, errors.RequestException, http_errors.HTTPError) as error:
+            except (TransferError, errors.RequestException, http_errors.HTTPError) as error:
                 if attempt == self.attempts:
                     raise ConnectionError(
                         f"{url} could not be read in {attempt} attempts; the last one: {error}. Check the "
@@ -166,7 +176,7 @@ class Web:
             )
         if answer.status_code >= 300:
             answer.close()
-            raise OSError(f"the server answers {answer.status_code} ({answer.reason})")
+            raise TransferError(f"the server answers {answer.status_code} ({answer.reason})")
         return answer
 
     def _own_session(self) -> Any:  # noqa: ANN401  # a session of requests

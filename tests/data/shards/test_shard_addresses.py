@@ -1,5 +1,6 @@
 """Shards behind a URL: ranges or whole shards in a bounded cache, repeated requests, refusals."""
 
+import errno
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ import torch
 from hand_recon.data.datamodule import HandDataset, load_batch
 from hand_recon.data.shards.cache import BoundedCache
 from hand_recon.data.shards.dataset import ShardedImages
-from hand_recon.data.shards.manifest import ShardFile
+from hand_recon.data.shards.manifest import ShardFile, read_manifest
 from hand_recon.data.shards.remote import Web
 from hand_recon.data.shards.splits import ShardRecipe, check_cache
 from tests.support.shard_folders import data_of
@@ -141,6 +142,22 @@ def test_what_another_attempt_does_not_change_is_not_repeated(
     assert len(served.asked) == 2
     with pytest.raises(ValueError, match="has more than 10 bytes"):
         Web().content(served.url + "shards.json", 10)
+
+
+def test_a_full_disk_is_no_fault_of_the_network(
+    served: Served, shard_folder: Path, tmp_path: Path
+) -> None:
+    file = read_manifest((shard_folder / "shards.json").read_bytes(), "a").shards[0].tar
+    target = tmp_path / "a.tar"
+    target.with_name("a.tar.part").symlink_to("/dev/full")
+    with pytest.raises(OSError, match="No space left") as caught:
+        Web().download(served.url + file.name, file, target)
+    assert caught.value.errno == errno.ENOSPC
+    assert len(served.asked) == 1
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(FileNotFoundError):
+        Web().download(served.url + file.name, file, tmp_path / "none" / "a.tar")
+    assert len(served.asked) == 2
 
 
 def test_a_server_without_ranges_is_told_apart(served: Served, tmp_path: Path) -> None:
