@@ -39,14 +39,26 @@ HAND_KEY: Final = "hand_recon_hand"
 
 _NO_PICKLE: Final = (
     pickle.UnpicklingError, EOFError, RuntimeError, LookupError, ValueError, TypeError, AttributeError,
-    struct.error, OverflowError, MemoryError, AssertionError, NotImplementedError, zipfile.BadZipFile,
+    struct.error, OverflowError, AssertionError, NotImplementedError, zipfile.BadZipFile,
 )  # fmt: skip
 """Errors of reading bytes that are no pickle: their first letters are taken for its instructions."""
 
 _NOT_OURS: Final = (
-    OmegaConfBaseException, InstantiationException, RuntimeError, KeyError, TypeError,
+    OmegaConfBaseException, InstantiationException, RuntimeError, KeyError, TypeError, AttributeError,
 )  # fmt: skip
 """Errors of building a network from a configuration, or filling it with weights, that are not its own."""
+
+_NO_MEMORY: Final = ("can't allocate memory", "not enough memory")
+"""Texts in PyTorch's RuntimeError about memory that the system does not give."""
+
+_GROUPS: Final = ("hand", "model", "prior")
+"""Parts of a configuration whose settings are changed before they are built."""
+
+MOST_LEVELS: Final = 50
+"""Levels of a checkpoint's configuration; those of this project have fewer than ten."""
+
+MOST_VALUES: Final = 100_000
+"""Keys and values of a checkpoint's configuration, each counted as often as it is referred to."""
 
 BUILT: Final = ("hand", "model", "prior", "data_term", "supervision", "data")
 """Parts of a checkpoint's configuration that are built again when it is loaded or evaluated."""
@@ -108,24 +120,29 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, Any], DictConfig]:
             f"{file} has a {type(checkpoint[CONFIG_KEY]).__name__} in place of its configuration; expected a "
             "checkpoint that hand_recon.train wrote."
         )
-    if _refers(checkpoint[CONFIG_KEY]):
+    _refuse_strange(checkpoint[CONFIG_KEY], file)
+    try:
+        return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+    except OmegaConfBaseException as error:
         raise ValueError(
-            f"{file} has a configuration with references (${{...}}) in it, which hand_recon never writes and "
-            "which could hide what would be called. It is not read."
-        )
-    return checkpoint, OmegaConf.create(checkpoint[CONFIG_KEY])
+            f"{file} has a configuration that is none ({error}). Take another copy, or train again."
+        ) from error
 
 
 def _loaded(file: Path) -> dict[str, Any]:
     """Contents of a checkpoint.
 
     Raises:
-        ValueError: The file is none, or is damaged.
+        ValueError: The file is none, is compressed, or is damaged.
+        MemoryError: There is not enough memory for a file that is whole.
     """
+    refuse_packed(file)
     try:
-        refuse_packed(file)
         checkpoint = torch.load(file, map_location="cpu", weights_only=True)
-    except _NO_PICKLE as error:
+    except (*_NO_PICKLE, MemoryError) as error:
+        # The members of an archive are no larger than the file; other files can announce any size.
+        if _lacks_memory(error) and zipfile.is_zipfile(file):
+            raise MemoryError(f"{file} has {file.stat().st_size:,} bytes") from error
         raise ValueError(
             f"{file} is no checkpoint, or a damaged one. Give a run's folder, or a file such as "
             "outputs/train/<time>/checkpoints/best.ckpt."
@@ -137,13 +154,35 @@ def _loaded(file: Path) -> dict[str, Any]:
     return checkpoint
 
 
-def _refers(node: object) -> bool:
-    """True if a reference of OmegaConf's occurs in a key or a value, however deep."""
-    if isinstance(node, Mapping):
-        return any(_refers(key) or _refers(value) for key, value in node.items())
-    if isinstance(node, list | tuple):
-        return any(_refers(value) for value in node)
-    return isinstance(node, str) and "${" in node
+def _lacks_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError) or any(text in str(error) for text in _NO_MEMORY)
+
+
+def _refuse_strange(configuration: object, file: Path) -> None:
+    """Refuse a configuration with references of OmegaConf's, or one that it would never finish to read.
+
+    Raises:
+        ValueError: A reference occurs in a key or a value, however deep; or there are more levels than
+            `MOST_LEVELS`, as in a value that holds itself, or more values than `MOST_VALUES`.
+    """
+    left, count = [(configuration, 1)], 0
+    while left:
+        node, level = left.pop()
+        count += 1
+        if level > MOST_LEVELS or count > MOST_VALUES:
+            raise ValueError(
+                f"{file} has a configuration of more than {MOST_LEVELS} levels or {MOST_VALUES:,} values, or "
+                "one that holds itself; hand_recon writes fewer than ten levels. It is not read."
+            )
+        if isinstance(node, str) and "${" in node:
+            raise ValueError(
+                f"{file} has a configuration with references (${{...}}) in it, which hand_recon never writes "
+                "and which could hide what would be called. It is not read."
+            )
+        if isinstance(node, Mapping):
+            left += [(one, level + 1) for one in (*node.keys(), *node.values())]
+        elif isinstance(node, list | tuple):
+            left += [(one, level + 1) for one in node]
 
 
 @dataclass(frozen=True)
@@ -175,6 +214,7 @@ def load_trained(
         ValueError: It names a target that is not trusted, or was trained with another version of the hand.
     """
     checkpoint, config = read_checkpoint(path)
+    _refuse_other_groups(path, config)
     try:
         return _rebuilt(path, checkpoint, config, landmark_set, composed)
     except _NOT_OURS as error:
@@ -182,6 +222,21 @@ def load_trained(
             f"{path} cannot be rebuilt: its configuration or its weights are not those of a network that "
             f"hand_recon.train wrote ({error}). Take another copy, or train again."
         ) from error
+
+
+def _refuse_other_groups(path: str | Path, config: DictConfig) -> None:
+    """Check that the parts that are changed before they are built are groups of settings.
+
+    Raises:
+        ValueError: One is missing, or is something else.
+    """
+    for name in _GROUPS:
+        found = config.get(name)
+        if not isinstance(found, DictConfig):
+            raise ValueError(
+                f"{path} has {name}: {'null' if found is None else repr(found)[:60]} in its configuration; "
+                "expected the group of settings that hand-recon train writes. Take another copy or train again."
+            )
 
 
 def _rebuilt(

@@ -92,10 +92,9 @@ def test_text_behind_other_numbers_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("quote", ["", '"'])
 def test_a_table_of_names_alone_is_refused(tmp_path: Path, quote: str) -> None:
     """A quote that is not closed makes one cell of all that follows."""
-    names = ["x", "y", "z", f"{quote}score"]
-    (tmp_path / "hands.csv").write_text(
-        lines_of([names, *([0.5] * 4 for _ in range(21 if quote else 0))])
-    )
+    rows: list[list[object]] = [["x", "y", "z", f"{quote}score"]]
+    rows += [[0.5] * 4 for _ in range(21 if quote else 0)]
+    (tmp_path / "hands.csv").write_text(lines_of(rows))
     with pytest.raises(
         ValueError, match=r"hands\.csv has no rows of numbers; expected one or more hands\. Check"
     ):
