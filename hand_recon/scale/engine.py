@@ -21,6 +21,7 @@ from hand_recon.runs.unfinished import (
 )
 from hand_recon.scale.extra import arrow_module, check_ray, daft_module
 from hand_recon.scale.image_worker import ImageWorker
+from hand_recon.scale.isolation import NOT_OF_A_ROW
 from hand_recon.scale.parts import MANIFEST, PARTS, PartFiles
 from hand_recon.scale.places import Places, places_of
 from hand_recon.scale.settings import worker_settings
@@ -30,6 +31,9 @@ logger = logging.getLogger(__name__)
 
 ATTEMPTS: Final = 3
 """Times in a row that workers may fail without a new part."""
+
+_RAISED: Final = "failed with traceback"
+"""Words of Daft's error for a worker that raised one, which is none of an image: those are in their rows."""
 
 _FILES: Final = ("camera", "detector.landmarks", "detector.boxes", "lifter", "hand.path")
 _NO_RESULT: Final = ("workers", "ray", "engine", "input", "rank", "results", "motion")
@@ -46,7 +50,8 @@ def predict_in_parts(config: DictConfig) -> dict[str, Any]:
 
     Raises:
         FileExistsError: The folder holds complete results, or unfinished ones of other settings or inputs.
-        RuntimeError: Workers fail again and again without a new part.
+        ChildProcessError: Workers fail again and again without a new part.
+        OSError: A part cannot be written.
         ValueError: There is no image, a setting is not for parts, or strict is set and there are failures.
     """
     configure_process(config.threads)
@@ -134,30 +139,62 @@ class _Run:
     ) -> None:
         self.daft, self.config, self.places, self.parts = daft, config, places, parts
         self.settings = settings
+        self.error: Exception | None = None
 
     def written(self) -> Iterator[int]:
-        """Yield each part when it is written; after a worker's death, the missing parts are run again."""
+        """Yield each part when it is written; after a worker's death, the missing parts are run again.
+
+        Raises:
+            ChildProcessError: Workers fail again and again without a new part.
+            OSError: A part cannot be written.
+        """
         failures = 0
         while missing := self.parts.missing():
-            try:
-                yield from self._query(missing)
-            except Exception as error:
-                # Daft raises errors of its own kinds for a worker that was killed.
+            self.error = None
+            # Errors of writing end the command here: they are none of the workers'.
+            for rows in self._of_workers(missing):
+                yield from self.parts.add(rows)
+            if self.error is not None:
                 progress = len(self.parts.missing()) < len(missing)
                 failures = 1 if progress else failures + 1
-                if failures == ATTEMPTS:
-                    raise RuntimeError(
-                        f"Workers failed {ATTEMPTS} times in a row without a new part, while the images of "
-                        f"{self._first_images()} were worked on: {error}. Memory may be short (workers=1 "
-                        "takes less), or an image ends the process: move it away. Parts that are there are "
-                        "kept."
-                    ) from error
-                logger.warning(
-                    "Workers failed (%s); the parts that are missing run again.", _line(error)
-                )
+                self._tell_failure(self.error, failures)
             self.parts.forget()
 
-    def _query(self, missing: list[int]) -> Iterator[int]:
+    def _of_workers(self, missing: list[int]) -> Iterator[Any]:
+        """Yield rows until all are there or a worker has died, whose error is kept in `error`.
+
+        Raises:
+            ChildProcessError: A worker raised an error that is none of an image.
+        """
+        try:
+            yield from self._query(missing)
+        except NOT_OF_A_ROW:
+            raise
+        except Exception as error:
+            # Daft raises errors of its own kinds for a worker that was killed.
+            if _RAISED in str(error):
+                raise ChildProcessError(
+                    f"A worker failed, not because of an image: {_line(error)}. Workers would fail in the "
+                    "same way again. Mend that and repeat the command; parts that are there are kept."
+                ) from error
+            self.error = error
+
+    def _tell_failure(self, error: Exception, failures: int) -> None:
+        """Log that workers have failed, or end the command.
+
+        Raises:
+            ChildProcessError: They have too often.
+        """
+        if failures == ATTEMPTS:
+            raise ChildProcessError(
+                f"Workers failed {ATTEMPTS} times in a row without a new part, while the images of "
+                f"{self._first_images()} were worked on: {_line(error)}. Memory may be short (workers=1 "
+                "takes less), or an image ends the process: move it away. Parts that are there are kept."
+            ) from error
+        logger.warning("Workers failed (%s); the parts that are missing run again.", _line(error))
+
+    def _query(self, missing: list[int]) -> Iterator[Any]:
+        """Tables of rows of the missing parts, in any order."""
         frame = self.daft.from_arrow(self._groups(missing))
         if self.daft.runners.get_or_infer_runner_type() == "ray":
             frame = frame.into_partitions(len(missing))
@@ -166,7 +203,7 @@ class _Run:
         found = worker_column(HandsOfPlaces, self.settings, given, workers=workers, batch=1)
         frame = frame.select("row", found.alias("found"))
         for batch in frame.to_arrow_iter(results_buffer_size=2 * workers):
-            yield from self.parts.add(self._rows(batch))
+            yield self._rows(batch)
 
     def _groups(self, missing: list[int]) -> Any:  # noqa: ANN401  # pyarrow.Table
         """Images that are fitted together, a group to a row: the same ones after an interruption."""
