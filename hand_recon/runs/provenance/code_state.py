@@ -19,6 +19,9 @@ ROOT: Final = PACKAGE.parent
 OWN: Final = ("hand_recon", "conf", "hydra_plugins")
 """Folders of the checkout whose new files are code."""
 
+AS_STORED: Final = ("--no-color", "--no-ext-diff", "--no-textconv", "--binary")
+"""Options by which git's patch does not depend on a user's settings, and can be applied."""
+
 
 @dataclass(frozen=True)
 class CodeState:
@@ -53,7 +56,7 @@ def code_state(root: Path = ROOT) -> CodeState:
     revision = _git(root, "rev-parse", "HEAD") if (root / ".git").exists() else None
     diff, names = "", []
     if revision is not None:
-        diff = _git(root, "diff", "--no-ext-diff", "HEAD") or ""
+        diff = _git(root, "diff", *AS_STORED, "HEAD") or ""
         listed = _git(root, "ls-files", "--others", "--exclude-standard", "-z", "--", *OWN)
         names = [name for name in (listed or "").split("\0") if (root / name).is_file()]
     lock = root / "requirements.lock"

@@ -49,6 +49,23 @@ def test_changes_and_new_files_are_kept(checkout: Path) -> None:
     assert state.entries()["diff"] == hashlib.sha256(state.diff.encode()).hexdigest()
 
 
+def test_the_patch_does_not_depend_on_a_users_settings_and_can_be_applied(checkout: Path) -> None:
+    (checkout / ".gitattributes").write_text("*.py diff=upper\n")
+    (checkout / "hand.bin").write_bytes(b"\0\1")
+    git(checkout, "add", ".")
+    git(checkout, "commit", "-q", "-m", "second")
+    for name, value in (("color.ui", "always"), ("diff.upper.textconv", "tr a-z A-Z <")):
+        git(checkout, "config", name, value)
+    (checkout / "hand_recon" / "a.py").write_text("a = 2\n")
+    (checkout / "hand.bin").write_bytes(b"\0\2")
+    diff = code_state(checkout).diff
+    assert "\n-A = 1\n+a = 2\n" in diff
+    git(checkout, "checkout", "-q", ".")
+    (checkout / "changes.patch").write_text(diff)
+    git(checkout, "apply", "changes.patch")
+    assert (checkout / "hand.bin").read_bytes() == b"\0\2"
+
+
 def test_an_installed_package_has_its_version_alone(tmp_path: Path) -> None:
     state = code_state(tmp_path)
     assert (state.revision, state.lock, state.diff) == (None, None, "")

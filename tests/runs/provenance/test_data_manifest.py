@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hand_recon.runs.provenance import data_manifest
+from hand_recon.runs.provenance import data_files, data_manifest
 from hand_recon.runs.provenance.data_manifest import data_manifests, manifest
 
 
@@ -96,3 +96,73 @@ def test_the_data_are_those_that_settings_name(dataset: Path) -> None:
     # Images lie beside the file of their landmarks; the file itself is another entry.
     assert found["data.parts.photographs.images"]["files"] == 300
     assert found["data.parts.photographs.train"]["files"] == 1
+
+
+def test_lists_patterns_and_urls_have_entries(dataset: Path) -> None:
+    labels, images = dataset / "labels.json", dataset / "images"
+    url = "https://example.org/shards.json"
+    config = {
+        "data": {"train": f"{images}/00?.jpg", "val": [str(labels), f"{dataset}/*", url, 3]},
+        "start_from": f"{dataset}/nothing*",
+    }
+    found = data_manifests(config)
+    assert found.keys() == {"data.train", "data.val.0", "data.val.1", "data.val.2"}
+    assert (found["data.train"]["files"], found["data.train"]["path"]) == (10, str(images))
+    assert found["data.val.0"] == manifest(labels)
+    # All that the pattern matches is all that the folder has.
+    assert found["data.val.1"] == manifest(dataset)
+    assert found["data.val.2"] == {"url": url}
+    (images / "003.jpg").write_bytes(b"!!!!")
+    assert data_manifests(config)["data.train"]["contents"] != found["data.train"]["contents"]
+
+
+def test_links_above_and_pipes_are_left_out(dataset: Path, tmp_path: Path) -> None:
+    before = digests(dataset)
+    (dataset / "images" / "above").symlink_to(dataset)
+    (dataset / "images" / "itself").symlink_to(dataset / "images" / "itself")
+    os.mkfifo(dataset / "pipe.json")
+    assert digests(dataset) == before
+    (dataset / "images" / "linked.jpg").symlink_to(dataset / "labels.json")
+    assert digests(dataset)["files"] == 302
+    assert data_manifests({"train": str(dataset / "pipe.json"), "images": None}) == {}
+
+
+def test_a_folder_that_cannot_be_read_is_counted(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "unreadable_folders" not in digests(dataset)
+    listed = os.listdir
+
+    def refusing(folder: str) -> list[str]:
+        if folder.endswith("images"):
+            raise PermissionError(folder)
+        return listed(folder)
+
+    monkeypatch.setattr(os, "listdir", refusing)
+    found = digests(dataset)
+    assert (found["files"], found["unreadable_folders"]) == (1, 1)
+
+
+def test_a_huge_folder_is_looked_at_up_to_a_bound_that_the_record_has(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same files whatever the order in which the system lists them."""
+    monkeypatch.setattr(data_files, "MOST_ENTRIES", 52)
+    listed = os.listdir
+    monkeypatch.setattr(os, "listdir", lambda folder: sorted(listed(folder), reverse=True))
+    found = digests(dataset)
+    # Beside the folder and the one of the images.
+    assert (found["files"], found["ended_after"]) == (50, 52)
+    assert found["bytes"] == sum(range(1, 51))
+    monkeypatch.setattr(os, "listdir", listed)
+    assert digests(dataset) == found
+
+
+def test_files_of_very_many_endings_are_not_all_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data_manifest, "MOST_READ", 8)
+    for number in range(20):
+        (tmp_path / f"a.{number}").write_text("x")
+    found = digests(tmp_path)
+    assert (found["files"], found["files_read"]) == (20, 8)
