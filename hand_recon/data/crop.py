@@ -17,6 +17,13 @@ POLICIES: Final = ("full", "centre", "joints", "box", "mask")
 """Choices of what a crop is made around: the whole image, its middle, the box of the labelled landmarks, the
 dataset's own box, or the hand's largest piece in the dataset's mask."""
 
+_FAR: Final = 4
+"""Longest side of a region that is sampled at every pixel, as a multiple of the image's: without a bound, a
+label far outside of the image would take any amount of memory."""
+
+_FINEST: Final = 16_384
+"""Most samples on a side of a region: 0.8 GB, and below what OpenCV can warp."""
+
 
 @dataclass(frozen=True)
 class Square:
@@ -200,18 +207,20 @@ def crop_image(
     """Cut a crop out of an image, black where there is no image.
 
     Where the crop is smaller than the region that it shows, pixels are averaged, so that thin fingers
-    stay connected.
+    stay connected; more coarsely in a region several times as large as the image.
 
     Args:
         image: Image of any three channels.
         matrix: Matrix from image pixels to crop pixels, of `crop_matrix`.
         crop_size: Side of the crop, pixels.
     """
-    shrinks = 1 / np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+    with np.errstate(divide="ignore"):
+        shrinks = 1 / np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     if _is_plain_resize(image, matrix, crop_size):
         method = cv2.INTER_AREA if shrinks > 1 else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(image, (crop_size, crop_size), interpolation=method))
-    oversampling = max(1, int(np.ceil(shrinks)))
+    finest = min(_FAR * max(image.shape[:2]), _FINEST) // crop_size
+    oversampling = max(1, int(min(np.ceil(shrinks), finest)))
     finer = np.diag([oversampling, oversampling, 1.0]) @ matrix
     half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
     from_centres = np.linalg.inv(half) @ finer @ half

@@ -1,5 +1,7 @@
 import math
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -159,3 +161,26 @@ def test_a_mirrored_crop_mirrored_again_is_the_crop() -> None:
     mirror = crop_mirror(96)
     np.testing.assert_array_equal(mirror @ mirror, np.eye(3))
     np.testing.assert_array_equal(crop_points(np.array([[1.5, 7.0]]), mirror), [[94.5, 7.0]])
+
+
+def test_a_region_far_beyond_the_image_takes_bounded_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    image = np.full((60, 80, 3), 200, np.uint8)
+    sides: list[int] = []
+    warp = cv2.warpAffine
+
+    def noted(content: Any, matrix: Any, size: tuple[int, int], **options: Any) -> Any:  # noqa: ANN401
+        sides.append(size[0])
+        return warp(content, matrix, size, **options)
+
+    monkeypatch.setattr(cv2, "warpAffine", noted)
+    for side in (1e5, 1e200):
+        crop = crop_image(image, crop_matrix(Square((40, 30), side), 10), 10)
+        assert crop.shape == (10, 10, 3)
+    # Four times the image's longer side; within that, every pixel is sampled.
+    assert sides == [320, 320]
+    crop = crop_image(image, crop_matrix(Square((40, 30), 200), 10), 10)
+    assert sides[2] == 200
+    # The crop's 20 × 20 pixels of the image are averaged: the image covers 60 × 80 of 200 × 200.
+    assert crop.sum() == pytest.approx(3 * 200 * 60 * 80 / 20**2, rel=0.01)
