@@ -97,6 +97,11 @@ class HandDataModule(lightning.LightningDataModule):
         self._factories = {"train": train, "val": val, "test": test}
         self._datasets: dict[str, HandDataset] = {}
 
+    @property
+    def own_order(self) -> str | None:
+        """Option by which training hands come in an order that a mixture cannot keep; None without one."""
+        return None
+
     def prepare_data(self) -> None:
         """Build the next datasets in one process per machine, so that the others find its caches."""
         function = self.trainer.state.fn if self.trainer is not None else None

@@ -157,7 +157,8 @@ class MixtureDataModule(HandDataModule):
             seed: Seed of the sample order and of the augmentation.
 
         Raises:
-            ValueError: Names do not match, crops differ in size, or weights or the epoch are empty.
+            ValueError: Names do not match, crops differ in size, weights or the epoch are empty, or a part
+                has an order of its own.
         """
         self.parts = dict(parts)
         self.score_on = score_on or next(iter(self.parts), "")
@@ -166,6 +167,7 @@ class MixtureDataModule(HandDataModule):
         self._check()
         scored = self.parts[self.score_on]
         self.landmark_set = landmark_set or scored.landmark_set
+        self._refuse_own_orders()
         self._warn_about_landmark_sets()
         # Reported scores are those on this dataset.
         self.name = scored.name
@@ -246,6 +248,14 @@ class MixtureDataModule(HandDataModule):
             raise ValueError(
                 f"The parts' crops differ in size, {sizes}; set one crop_size for all of them."
             )
+
+    def _refuse_own_orders(self) -> None:
+        for name, part in self.parts.items():
+            if part.own_order is not None:
+                raise ValueError(
+                    f"The part {name} has {part.own_order}, and a mixture draws its hands in an order of its "
+                    f"own, among all of them. Set data.parts.{name}.order=all, or train on {name} alone."
+                )
 
     def _warn_about_landmark_sets(self) -> None:
         for name, part in self.parts.items():

@@ -98,6 +98,10 @@ REGRESSIONS: Final = {
         b"\x93NUMPY\x01\x00\x40\x00{'descr': ',f8', 'fortran_order': False, 'shape': (3, 21, 2)"
         b", }\n"
     ),
+    "shards, index": b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((\n",
+    "shards, manifest": b'{"format": "hand_recon.shards/1", "groups": 1e400}',
+    "shards, labels": b'{"image": "a", "hands": [{"side": "left", "landmarks": [[Infinity, 1.5]]}]}',
+    "shards, facts": b"image,person\na.jpg," + 140_000 * b"x",
     "camera, YAML": b"[" * 100_000 + b"]" * 100_000,
     "DexYCB": b"color: null\n",
     "audit, table": b"x0,y0,z0,x1,y1,z1\n1,2\n",

@@ -31,6 +31,7 @@ from tests.support.annotation_files import SIZE
 from tests.support.broken_files import Kind
 from tests.support.fitted_hands import fitted
 from tests.support.landmark_writing import CAMERA, POINTS
+from tests.support.shard_readers import SHARD_READERS
 from tests.support.tool_files import FILES
 
 STEM: Final = "hände 手 1"
@@ -293,6 +294,7 @@ READERS: Final[dict[str, FileReader]] = {
     one.name: one
     for one in (
         *_landmarks(), *_cameras(), *_boxes_and_hands(), _ranges(), *_predictions(), *_audited(), *_runs(),
+        *(FileReader(*one) for one in SHARD_READERS),
     )
 }  # fmt: skip
 """Readers of text and arrays by name."""

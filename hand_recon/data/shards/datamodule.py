@@ -41,12 +41,20 @@ class ShardDataModule(ImageDataModule):
         if self.recipe.order != "shards" or not isinstance(dataset, ShardedImages):
             return super().train_dataloader()
         trainer = self.trainer
+        dataset = dataset.reading_whole_shards(int(self.recipe.cache_gb * 1e9))
+        # Of this split alone: validation and testing read ranges.
+        self._datasets["train"] = dataset
         check_cache(dataset.rows, self.recipe, trainer.num_devices if trainer is not None else 1)
         processes = trainer.world_size if trainer is not None else 1
         mixing = Mixing(
             self.recipe.shards_at_once, self.recipe.streams or processes, self.batch_size
         )
         return self._training_loader(ShardShuffle(dataset.starts(), self.seed, mixing))
+
+    @property
+    def own_order(self) -> str | None:
+        """`order=shards`, which only a training on these shards alone can follow; None with `order=all`."""
+        return None if self.recipe.order == "all" else f"order={self.recipe.order}"
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:
         """The dataset of a split, which has no surfaces."""

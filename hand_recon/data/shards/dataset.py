@@ -1,5 +1,6 @@
 """Dataset of hands in shards; one sample is read by one range of bytes (decision 98)."""
 
+import copy
 import logging
 import zlib
 from collections.abc import Sequence
@@ -49,20 +50,20 @@ class ShardRows:
         firsts = np.cumsum([0, *(store.manifest.groups for store in self.stores)])
         found = []
         for (number, _), index in zip(self.places, self.indices, strict=True):
-            store = self.stores[number]
-            if int(index["group"].max()) >= store.manifest.groups:
+            store, groups = self.stores[number], index.rows()["group"]
+            if int(groups.max()) >= store.manifest.groups:
                 raise ValueError(
-                    f"{store.where} has the group {index['group'].max()} in an index, and its manifest says "
-                    f"that there are {store.manifest.groups} groups. {CURE}"
+                    f"{store.where} has the group {groups.max()} in an index, and its manifest says that "
+                    f"there are {store.manifest.groups} groups. {CURE}"
                 )
-            found.append(index["group"].astype(np.int64) + firsts[number])
+            found.append(groups.astype(np.int64) + firsts[number])
         return np.concatenate(found)
 
     def read(self, rows: Sequence[int]) -> list[tuple[str, np.void, bytes]]:
         """Place in words, row of the index and record of some hands."""
         at = np.searchsorted(self.starts, rows, side="right") - 1
         found = [
-            (self.places[one], self.indices[one][row - self.starts[one]])
+            (self.places[one], self.indices[one].row(int(row - self.starts[one])))
             for one, row in zip(at.tolist(), rows, strict=True)
         ]
         records: list[bytes] = [b""] * len(rows)
@@ -78,6 +79,16 @@ class ShardRows:
             (self._place(place, int(row["offset"])), row, record)
             for (place, row), record in zip(found, records, strict=True)
         ]
+
+    def whole(self, limit: int) -> "ShardRows":
+        """The same hands, for which shards behind a URL are downloaded whole.
+
+        Args:
+            limit: Most bytes of downloaded shards that are kept.
+        """
+        rows = copy.copy(self)
+        rows.stores = [store.whole(limit) for store in self.stores]
+        return rows
 
     def _place(self, place: tuple[int, int], offset: int) -> str:
         store = self.stores[place[0]]
@@ -112,6 +123,16 @@ class ShardedImages:
 
     def __len__(self) -> int:
         return len(self.rows) if self.chosen is None else len(self.chosen)
+
+    def reading_whole_shards(self, limit: int) -> "ShardedImages":
+        """The same hands, for which shards behind a URL are downloaded whole.
+
+        Args:
+            limit: Most bytes of downloaded shards that are kept.
+        """
+        dataset = copy.copy(self)
+        dataset.rows = self.rows.whole(limit)
+        return dataset
 
     def starts(self) -> Int[np.ndarray, " bound"]:
         """First position of each shard with hands of this split, and the number of positions."""

@@ -62,12 +62,12 @@ class Encoding:
                 so many pixels on a side.
         """
         try:
-            size = path.stat().st_size
-            content = path.read_bytes() if size <= LARGEST_IMAGE else b""
+            held = path.stat().st_size
+            content = path.read_bytes() if held <= LARGEST_IMAGE else b""
         except OSError as error:
             raise ValueError(f"it cannot be read ({error.strerror})") from error
-        if size > LARGEST_IMAGE:
-            raise ValueError(too_many_bytes("its file", size, LARGEST_IMAGE))
+        if held > LARGEST_IMAGE:
+            raise ValueError(too_many_bytes("its file", held, LARGEST_IMAGE))
         pixels = decode_image(content)
         if pixels is None:
             raise ValueError("it is damaged or no image")

@@ -1,13 +1,16 @@
 """Facts on images that shards carry along: person, split, source and licence."""
 
 import csv
+import io
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from hand_recon.data.landmarks.formats.content import to_json, to_text
 from hand_recon.data.shards.labels import FIELDS
+from hand_recon.reading.naming import naming
+from hand_recon.reading.text import read_bytes, read_text
 
 logger = logging.getLogger(__name__)
 
@@ -32,14 +35,8 @@ def read_facts(labels: Path, table: Path | None, everywhere: Mapping[str, str | 
     facts: Facts = {"": {key: value for key, value in everywhere.items() if value is not None}}
     _add(facts, _objects(labels))
     if table is not None:
-        with table.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            known = reader.fieldnames or []
-            if "image" not in known or not set(known) & set(FIELDS):
-                raise ValueError(
-                    f"{table} has the columns {list(known)}; expected `image` and some of {list(FIELDS)}."
-                )
-            _add(facts, reader)
+        with naming(table, "a table of facts on images"):
+            _add(facts, _rows(table))
     return facts
 
 
@@ -53,10 +50,23 @@ def facts_of(facts: Facts, image: str) -> dict[str, str]:
     return facts[""] | facts.get(image, {})
 
 
+def _rows(table: Path) -> Iterator[dict[str, str]]:
+    # Line ends inside of quotes stay as they are.
+    content = io.StringIO(read_text(table), newline="")
+    reader = csv.DictReader(content)
+    known = reader.fieldnames or []
+    if "image" not in known or not set(known) & set(FIELDS):
+        found = ", ".join(known)[:300]
+        raise ValueError(
+            f"{table} has the columns {found!r}; expected `image` and some of {list(FIELDS)}."
+        )
+    yield from reader
+
+
 def _objects(labels: Path) -> list[Any]:
     if not labels.is_file():
         return []
-    content = labels.read_bytes()
+    content = read_bytes(labels)
     if content.lstrip()[:1] not in (b"[", b"{"):
         return []
     found, _ = to_json(labels, to_text(labels, content))

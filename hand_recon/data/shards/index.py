@@ -4,10 +4,15 @@ A hand's record is one range of bytes: its labels, the image's header and the im
 file is looked at, so that none can lead elsewhere.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+
+from hand_recon.data.shards.open_files import OpenFiles
+from hand_recon.reading.archives import load_array
+from hand_recon.reading.text import read_bytes
 
 BLOCK: Final = 512
 """Bytes of a tar file's header, of which members are multiples."""
@@ -42,25 +47,55 @@ def record_size(row: Any) -> int:  # noqa: ANN401  # a row or all rows of an ind
     return padded(int(row["labels"])) + BLOCK + int(row["image"])
 
 
-def open_index(path: Path, hands: int, shard_bytes: int) -> np.ndarray:
-    """Map an index into memory and check that its records lie inside the shard.
+@dataclass(frozen=True)
+class ShardIndex:
+    """An index on the disk, of which nothing stays in memory; a loading process gets its path alone."""
+
+    path: Path
+    """The file."""
+    hands: int
+    """Number of rows."""
+    start: int
+    """First byte of the rows."""
+    files: OpenFiles
+    """Reader of the file."""
+
+    def __len__(self) -> int:
+        return self.hands
+
+    def row(self, number: int) -> np.void:
+        """One row, read from the disk.
+
+        Raises:
+            ValueError: The file has become shorter.
+        """
+        offset = self.start + number * INDEX.itemsize
+        found = self.files.read(self.path, INDEX.itemsize, offset)
+        if len(found) != INDEX.itemsize:
+            raise ValueError(f"{self.path} ends before its row {number}. {CURE}")
+        row: np.void = np.frombuffer(found, INDEX)[0]
+        return row
+
+    def rows(self) -> np.ndarray:
+        """All rows, read anew on each call."""
+        return _array(self.path, self.hands)
+
+
+def open_index(
+    path: Path, hands: int, shard_bytes: int, files: OpenFiles | None = None
+) -> ShardIndex:
+    """Read an index and check that its records lie inside the shard.
 
     Args:
         path: The file.
         hands: Number of hands that it must have.
         shard_bytes: Size of the tar file.
+        files: Reader of its rows later on; None makes one.
 
     Raises:
         ValueError: It is no index of this shard.
     """
-    try:
-        index = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise ValueError(f"{path} is no index of a shard ({error}). {CURE}") from error
-    if index.dtype != INDEX or index.shape != (hands,):
-        raise ValueError(
-            f"{path} holds {index.shape} rows of {index.dtype}; expected {hands} hands of {INDEX}. {CURE}"
-        )
+    index = _array(path, hands)
     labels, image = index["labels"].astype(np.uint64), index["image"].astype(np.uint64)
     ends = index["offset"] + (labels + (BLOCK - 1)) // BLOCK * BLOCK + BLOCK + image
     inside = (index["offset"] <= shard_bytes) & (ends <= shard_bytes)
@@ -69,6 +104,20 @@ def open_index(path: Path, hands: int, shard_bytes: int) -> np.ndarray:
         raise ValueError(
             f"{path} has {int((~(inside & small)).sum())} records beyond the shard's {shard_bytes} bytes, "
             f"or beyond {LARGEST_IMAGE >> 20} MiB. {CURE}"
+        )
+    return ShardIndex(path, hands, path.stat().st_size - index.nbytes, files or OpenFiles())
+
+
+def _array(path: Path, hands: int) -> np.ndarray:
+    """Rows of an index.
+
+    Raises:
+        ValueError: It has other columns or another number of hands.
+    """
+    index = load_array(read_bytes(path), path)
+    if index.dtype != INDEX or index.shape != (hands,):
+        raise ValueError(
+            f"{path} holds {index.shape} rows of {index.dtype}; expected {hands} hands of {INDEX}. {CURE}"
         )
     return index
 

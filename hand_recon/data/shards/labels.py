@@ -73,10 +73,10 @@ def labels_from_json(content: bytes, name: str) -> AnnotatedHands:
         name: Name of the dataset.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: It is something else, or a number in it is not finite.
     """
     try:
-        labels = json.loads(content)
+        labels = json.loads(content.decode(), parse_constant=_refuse)
         entries, image = labels["hands"], str(labels["image"])
         return AnnotatedHands(
             name=name,
@@ -102,6 +102,10 @@ def labels_from_json(content: bytes, name: str) -> AnnotatedHands:
         raise ValueError(f"no labels of an image ({type(error).__name__}: {error})") from error
 
 
+def _refuse(constant: str) -> object:
+    raise ValueError(f"{constant} is no number; a missing label is null")
+
+
 def _points(points: list[list[float] | None]) -> list[list[float]]:
     return [[np.nan, np.nan] if point is None else point for point in points]
 
@@ -110,6 +114,9 @@ def _array(values: object, shape: tuple[int, ...]) -> np.ndarray:
     numbers = np.array(values, dtype=np.float64)
     if numbers.shape[1:] != shape:
         raise ValueError(f"found {numbers.shape[1:]} numbers, expected {shape}")
+    # NaN stands for null.
+    if np.isinf(numbers).any():
+        raise ValueError("found a number that no double can hold, expected finite ones")
     return numbers
 
 

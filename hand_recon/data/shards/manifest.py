@@ -117,7 +117,7 @@ def read_manifest(content: bytes, where: str) -> Manifest:
         found = json.loads(content)
         if found.get("format") != FORMAT:
             raise ValueError(f"the format {found.get('format')!r}, expected {FORMAT!r}")
-        return Manifest(
+        manifest = Manifest(
             name=str(found["name"]),
             around=str(found["around"]),
             groups=_count(found["groups"]),
@@ -125,10 +125,35 @@ def read_manifest(content: bytes, where: str) -> Manifest:
             landmark_set=None if found["landmark_set"] is None else str(found["landmark_set"]),
             about=dict(found["about"]),
         )
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        _check_groups(manifest)
+        return manifest
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
         raise ValueError(
             f"{where} is no manifest of shards: it has {type(error).__name__} {error}. {CURE}"
         ) from error
+
+
+def _check_groups(manifest: Manifest) -> None:
+    """Refuse more groups than the hands can be in: splitting takes memory for each.
+
+    An image that is left out had a group, too, so that the split is that of the files.
+
+    Raises:
+        ValueError: There are more.
+    """
+    left_out = manifest.about.get("unreadable", ())
+    most = manifest.hands + (len(left_out) if isinstance(left_out, list) else 0)
+    if manifest.groups > most:
+        raise ValueError(
+            f"{manifest.groups:,} groups, expected at most {most:,}: one for each hand"
+        )
 
 
 def _count(value: object) -> int:

@@ -23,6 +23,7 @@ from hand_recon.data.shards.manifest import (
 )
 from hand_recon.data.shards.remote import Web, is_url
 from hand_recon.data.shards.stores import FolderStore, ShardStore, WebStore
+from hand_recon.reading.text import read_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -155,6 +156,12 @@ class ShardSplits:
     def _shares(self) -> dict[str, Int[np.ndarray, " row"]]:
         """Rows of the training shards for each split without shards of its own, as `LandmarkSplits` draws."""
         recipe, rows = self.recipe, self._training
+        if len(rows.stores) > 1:
+            logger.warning(
+                "Hands are held out of %d folders of shards, whose groups differ: a person or an image that "
+                "is in two of them may be in two splits. If some are, give shards as data.val and data.test.",
+                len(rows.stores),
+            )
         groups = sum(store.manifest.groups for store in rows.stores)
         of_row = rows.groups()
         own = {"val": recipe.val, "test": recipe.test}
@@ -189,9 +196,7 @@ class ShardSplits:
             )
         manifests = [manifest_of_folder(Path(one).absolute()) for one in found]
         return [
-            FolderStore(
-                path.parent, read_manifest(path.read_bytes(), str(path)), self.recipe.verify
-            )
+            FolderStore(path.parent, read_manifest(read_bytes(path), str(path)), self.recipe.verify)
             for path in manifests
         ]
 
@@ -206,9 +211,8 @@ class ShardSplits:
             url = urljoin(url if url.endswith("/") else f"{url}/", MANIFEST)
         web = Web(recipe.attempts)
         manifest = read_manifest(web.content(url, LARGEST_MANIFEST), url)
-        whole = int(recipe.cache_gb * 1e9) if recipe.order == "shards" else None
         cache = recipe.reading.folder.parent / "shards"
-        return WebStore(url, manifest, cache, web, whole=whole)
+        return WebStore(url, manifest, cache, web)
 
 
 def check_cache(rows: ShardRows, recipe: ShardRecipe, processes: int) -> None:
@@ -224,7 +228,8 @@ def check_cache(rows: ShardRows, recipe: ShardRecipe, processes: int) -> None:
     """
     remote = [store for store in rows.stores if isinstance(store, WebStore)]
     sizes = [shard.tar.bytes for store in remote for shard in store.manifest.shards]
-    shards = min((recipe.shards_at_once + 1) * processes, len(sizes))
+    # Loading processes are ahead of the training: they may read the next ones while others finish the last.
+    shards = min(2 * recipe.shards_at_once * processes, len(sizes))
     needed = shards * max(sizes, default=0) / 1e9
     if needed > recipe.cache_gb:
         raise ValueError(

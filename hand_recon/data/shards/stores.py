@@ -1,27 +1,23 @@
 """Places of shards: a folder, or a URL of which ranges or whole shards are read."""
 
+import copy
 import hashlib
 import os
-from collections import OrderedDict
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 from urllib.parse import urljoin
-
-import numpy as np
 
 from hand_recon.data.cache import digest, exclusive_lock
 from hand_recon.data.progress import with_progress
 from hand_recon.data.shards.cache import BoundedCache
-from hand_recon.data.shards.index import CURE, open_index
+from hand_recon.data.shards.index import CURE, ShardIndex, open_index
 from hand_recon.data.shards.manifest import Manifest, ShardFile
+from hand_recon.data.shards.open_files import OpenFiles
 from hand_recon.data.shards.remote import CONNECTIONS, Web
-
-OPEN_FILES: Final = 128
-"""Shards of a folder that a process keeps open."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +41,16 @@ class ShardStore(Protocol):
     manifest: Manifest
     """The manifest."""
 
-    def index(self, shard: int) -> np.ndarray:
-        """Index of a shard, mapped into memory."""
+    def index(self, shard: int) -> ShardIndex:
+        """Index of a shard."""
         ...
 
     def read(self, spans: Sequence[Span]) -> list[bytes]:
         """Bytes of some ranges, which are shorter where a file is."""
+        ...
+
+    def whole(self, limit: int) -> "ShardStore":
+        """The store that reads whole shards where a store elsewhere keeps them, up to some bytes."""
         ...
 
 
@@ -71,7 +71,7 @@ class FolderStore:
         self.where = str(folder)
         self.folder = folder
         self.manifest = manifest
-        self._open: OrderedDict[int, int] = OrderedDict()
+        self.files = OpenFiles()
         for shard in manifest.shards:
             check_size(folder / shard.tar.name, shard.tar)
             check_sum(folder / shard.index.name, shard.index)
@@ -79,36 +79,29 @@ class FolderStore:
             for shard in with_progress(manifest.shards, len(manifest.shards), "Verifying"):
                 check_sum(folder / shard.tar.name, shard.tar)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_open": OrderedDict()}
-
-    def index(self, shard: int) -> np.ndarray:
-        """Index of a shard, mapped into memory."""
+    def index(self, shard: int) -> ShardIndex:
+        """Index of a shard."""
         known = self.manifest.shards[shard]
-        return open_index(self.folder / known.index.name, known.hands, known.tar.bytes)
+        path = self.folder / known.index.name
+        return open_index(path, known.hands, known.tar.bytes, self.files)
 
     def read(self, spans: Sequence[Span]) -> list[bytes]:
         """Bytes of some ranges."""
-        return [os.pread(self._handle(span.shard), span.size, span.offset) for span in spans]
+        return [self.files.read(self._path(span.shard), span.size, span.offset) for span in spans]
 
-    def _handle(self, shard: int) -> int:
-        """File descriptor of a shard; reading at a place does not move it, so that forks may share it."""
-        if shard not in self._open:
-            if len(self._open) >= OPEN_FILES:
-                os.close(self._open.popitem(last=False)[1])
-            self._open[shard] = os.open(
-                self.folder / self.manifest.shards[shard].tar.name, os.O_RDONLY
-            )
-        self._open.move_to_end(shard)
-        return self._open[shard]
+    def whole(self, limit: int) -> "FolderStore":
+        """This store: nothing has to be downloaded."""
+        del limit
+        return self
+
+    def _path(self, shard: int) -> Path:
+        return self.folder / self.manifest.shards[shard].tar.name
 
 
 class WebStore:
-    """Shards behind a URL; their indices are kept in a folder, and whole shards up to a limit."""
+    """Shards behind a URL, of which ranges are read; their indices are kept in a folder."""
 
-    def __init__(
-        self, url: str, manifest: Manifest, cache: Path, web: Web, *, whole: int | None = None
-    ) -> None:
+    def __init__(self, url: str, manifest: Manifest, cache: Path, web: Web) -> None:
         """Store the settings; indices are downloaded on first use.
 
         Args:
@@ -116,21 +109,22 @@ class WebStore:
             manifest: The manifest.
             cache: Folder of downloaded files.
             web: Client.
-            whole: Most bytes of downloaded shards; None reads ranges and downloads no shard.
         """
         self.where = url
         self.manifest = manifest
         self.web = web
+        self.cache = cache
         self.indices = cache / f"indices-{digest(manifest.to_json())}"
-        self.shards = None if whole is None else BoundedCache(cache / "shards", whole)
+        self.shards: BoundedCache | None = None
+        self.files = OpenFiles()
         self._pool: ThreadPoolExecutor | None = None
         self._owner = -1
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_pool": None}
 
-    def index(self, shard: int) -> np.ndarray:
-        """Index of a shard, downloaded once and mapped into memory."""
+    def index(self, shard: int) -> ShardIndex:
+        """Index of a shard, downloaded once."""
         known = self.manifest.shards[shard]
         target = self.indices / known.index.name
         if not target.is_file():
@@ -138,7 +132,7 @@ class WebStore:
             with exclusive_lock(self.indices / "download.lock"):
                 if not target.is_file():
                     self.web.download(self._url(known.index), known.index, target)
-        return open_index(target, known.hands, known.tar.bytes)
+        return open_index(target, known.hands, known.tar.bytes, self.files)
 
     def read(self, spans: Sequence[Span]) -> list[bytes]:
         """Bytes of some ranges, many of which are asked for at the same time."""
@@ -147,6 +141,12 @@ class WebStore:
         if len(spans) < 2:
             return [self._read_span(span) for span in spans]
         return list(self._own_pool().map(self._read_span, spans))
+
+    def whole(self, limit: int) -> "WebStore":
+        """The same store, which downloads the shards that it reads as a whole and keeps some."""
+        store = copy.copy(self)
+        store.shards = BoundedCache(self.cache / "shards", limit)
+        return store
 
     def _read_span(self, span: Span) -> bytes:
         return self.web.span(

@@ -61,10 +61,29 @@ def test_ranges_of_shards_are_read_and_no_shard_is_kept(
 def test_whole_shards_are_downloaded_once(
     served: Served, shard_folder: Path, tmp_path: Path
 ) -> None:
-    data = data_of(served.url, tmp_path, order="shards", shards_at_once=2).dataset("train")
-    assert_same_images(data, shard_folder)
+    data = data_of(served.url, tmp_path, order="shards", shards_at_once=2)
+    data.train_dataloader()
+    assert_same_images(data.dataset("train"), shard_folder)
     assert sorted(tars(served)) == ["shard-00000.tar", "shard-00001.tar", "shard-00002.tar"]
     assert len(list(tmp_path.rglob("*.tar"))) == 3
+    # Training again, in the same process or another one, finds them.
+    for again in (data, data_of(served.url, tmp_path, order="shards")):
+        again.train_dataloader()
+        assert_same_images(again.dataset("train"), shard_folder)
+    assert len(tars(served)) == 3
+
+
+def test_validation_reads_ranges_whatever_the_order_of_training(
+    served: Served, tmp_path: Path
+) -> None:
+    data = data_of(served.url, tmp_path, order="shards", shards_at_once=2)
+    data.train_dataloader()
+    for split in ("val", "test"):
+        load_batch(data.dataset(split), [0, 1])
+    # Of one image with two hands each.
+    assert len([wanted for _, wanted in served.asked if wanted]) == 4
+    assert len(tars(served)) == 4
+    assert not list(tmp_path.rglob("*.tar"))
 
 
 def test_a_cache_that_cannot_hold_the_mixed_shards_is_refused(
@@ -80,6 +99,10 @@ def test_a_cache_that_cannot_hold_the_mixed_shards_is_refused(
     check_cache(dataset.rows, recipe, 1)
     with pytest.raises(ValueError, match="3 of which are needed"):
         check_cache(dataset.rows, recipe, 2)
+    # Those of the next four may be read before all hands of the last four are.
+    recipe = ShardRecipe(served.url, order="shards", cache_gb=2e-5, shards_at_once=1)
+    with pytest.raises(ValueError, match="2 of which are needed"):
+        check_cache(dataset.rows, recipe, 1)
 
 
 def test_the_file_used_longest_ago_makes_room(tmp_path: Path) -> None:
@@ -105,6 +128,75 @@ def test_the_file_used_longest_ago_makes_room(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in tmp_path.glob("*.tar")) == 8
 
 
+class WaitedError(Exception):
+    """Raised in the place of a pause."""
+
+
+def test_running_downloads_have_their_room_before_they_have_their_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Names by which a file could be taken for something else in the cache.
+    files = {one: ShardFile(f"{one}.{kind}", 4, one * 64) for one, kind in
+             zip("abcd", ("lock", "part", "room", "tar"), strict=True)}  # fmt: skip
+    cache = BoundedCache(tmp_path, 8)
+
+    def whole(target: Path) -> None:
+        target.write_bytes(b"1234")
+
+    def held() -> list[str]:
+        return sorted(path.name[0] for path in tmp_path.iterdir() if path.suffix != ".lock")
+
+    def while_c_comes(target: Path) -> None:
+        cache.path(files["d"], whole)
+        whole(target)
+
+    for name in "ab":
+        cache.path(files[name], whole)
+    cache.path(files["c"], while_c_comes)
+    assert held() == ["c", "d"]
+
+    def raise_it(seconds: float) -> None:
+        raise WaitedError(seconds)
+
+    def while_b_comes(target: Path) -> None:
+        # a is being fetched and b takes the rest: there is no room before one of them is there.
+        with pytest.raises(WaitedError):
+            cache.path(files["d"], whole)
+        whole(target)
+
+    def while_a_comes(target: Path) -> None:
+        cache.path(files["b"], while_b_comes)
+        whole(target)
+
+    monkeypatch.setattr("time.sleep", raise_it)
+    (tmp_path / f"{'d' * 24}.tar").unlink()
+    cache.path(files["a"], while_a_comes)
+    assert held() == ["a", "b"]
+
+
+def test_the_room_of_a_download_that_failed_or_was_killed_is_free_again(tmp_path: Path) -> None:
+    cache = BoundedCache(tmp_path, 8)
+    file = ShardFile("a.tar", 8, "a" * 64)
+
+    def fails(target: Path) -> None:
+        raise ConnectionError("no network")
+
+    def comes(target: Path) -> None:
+        target.write_bytes(b"12345678")
+
+    with pytest.raises(ConnectionError, match="no network"):
+        cache.path(file, fails)
+    killed = tmp_path / f"{'b' * 24}.room"
+    killed.write_bytes(bytes(8))
+    part = tmp_path / f"{'b' * 24}.tar.part"
+    part.write_bytes(bytes(3))
+    assert cache.read(file, comes, 2, 3) == b"345"
+    assert not killed.exists()
+    assert not part.exists()
+    with pytest.raises(ValueError, match=r"b.tar has 9e-06 MB, and the cache .* data.cache_gb"):
+        cache.path(ShardFile("b.tar", 9, "b" * 64), fails)
+
+
 def test_failed_requests_are_repeated(
     served: Served, shard_folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -112,7 +204,9 @@ def test_failed_requests_are_repeated(
     served.failures += [503, "cut", 429]
     assert_same_images(data, shard_folder)
     assert len(re.findall(r"attempt \d failed", caplog.text)) == 3
-    whole = data_of(served.url, tmp_path, order="shards", shards_at_once=2).dataset("train")
+    shuffled = data_of(served.url, tmp_path, order="shards", shards_at_once=2)
+    shuffled.train_dataloader()
+    whole = shuffled.dataset("train")
     served.failures += [500, "cut", "other"]
     assert torch.equal(whole[0].image, data[0].image)
     assert "bytes came whose checksum begins with" in caplog.text
@@ -124,6 +218,7 @@ def test_requests_that_always_fail_end_in_an_error(served: Served, tmp_path: Pat
         data_of(served.url, tmp_path, attempts=3).dataset("train")
     assert len(served.asked) == 3
     whole = data_of(served.url, tmp_path, order="shards", shards_at_once=2, attempts=2)
+    whole.train_dataloader()
     data = whole.dataset("train")
     served.failures += ["other", "cut"]
     with pytest.raises(ConnectionError, match=r"\.tar could not be read in 2 attempts"):

@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import pickle
 import shutil
 import tarfile
 from collections.abc import Callable
@@ -12,7 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hand_recon.data.shards.index import BLOCK, INDEX, padded
+from hand_recon.data.shards.dataset import ShardedImages
+from hand_recon.data.shards.index import BLOCK, INDEX, open_index, padded
+from hand_recon.data.shards.labels import labels_from_json
 from hand_recon.data.shards.manifest import Shard, read_manifest
 from hand_recon.data.shards.writer import ShardImage, write_shard
 from tests.support.shard_folders import changed_manifest, data_of
@@ -103,6 +106,65 @@ def test_counts_that_are_no_numbers_of_hands_are_refused() -> None:
     for count in (0, -1, "7", 1.5, True):
         with pytest.raises(ValueError, match=r"the count .*, expected a whole number"):
             Shard.from_json({"tar": file, "index": file, "images": count, "hands": 2})
+
+
+def manifest_of(folder: Path, **changes: Any) -> bytes:  # noqa: ANN401
+    """The manifest of a folder with other values."""
+    content = json.loads((folder / "shards.json").read_text())
+    return json.dumps(content | changes).encode()
+
+
+def test_more_groups_than_hands_are_refused_but_for_those_of_images_that_are_left_out(
+    shard_folder: Path,
+) -> None:
+    # Nine images of two hands.
+    for groups, left_out in ((18, []), (20, ["a", "b"])):
+        content = manifest_of(shard_folder, groups=groups, about={"unreadable": left_out})
+        assert read_manifest(content, "x").groups == groups
+    for groups, left_out in ((19, []), (10**12, ["a"])):
+        content = manifest_of(shard_folder, groups=groups, about={"unreadable": left_out})
+        with pytest.raises(ValueError, match=rf"{groups:,} groups, expected at most"):
+            read_manifest(content, "x")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"PK\x05\x06" + bytes(18), b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((\n",
+     b"\x93NUMPY\x01\x00\x40\x00{'descr': ',f8', 'fortran_order': False, 'shape': (3,)       , }\n"],
+)  # fmt: skip
+def test_something_else_is_no_index(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "s.npy"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"s\.npy is not a whole \.npy file"):
+        open_index(path, 3, 1000)
+
+
+def test_rows_of_an_index_are_those_of_the_file_and_pickling_sends_the_path_alone(
+    shard_folder: Path,
+) -> None:
+    path = shard_folder / "shard-00000.npy"
+    expected = np.load(path)
+    index = pickle.loads(pickle.dumps(open_index(path, 8, 1 << 20)))  # noqa: S301  # its own
+    np.testing.assert_array_equal(index.rows(), expected)
+    assert [index.row(number) for number in range(len(index))] == list(expected)
+    data = data_of(shard_folder).dataset("train")
+    assert isinstance(data, ShardedImages)
+    sent = pickle.dumps(data.rows)
+    again = pickle.loads(sent)  # noqa: S301  # its own
+    assert again.read([3, 17])[1][2] == data.rows.read([3, 17])[1][2]
+    # Rows have 26 bytes, whose beginning is nowhere in what is sent.
+    assert not any(np.load(one)[:2].tobytes() in sent for one in shard_folder.glob("*.npy"))
+
+
+def test_labels_that_are_not_finite_are_refused() -> None:
+    hand = {"landmarks": [[1.5, 2.5]] * 20 + [None], "side": "left", "sigma": [1.5] * 21}
+    good = json.dumps({"image": "a.jpg", "hands": [hand]})
+    found = labels_from_json(good.encode(), "a").landmarks_2d[0]
+    assert np.isnan(found[20]).all()
+    for number in ("Infinity", "-Infinity", "NaN", "1e400"):
+        for value in ("1.5, 2.5", "1.5, 1.5"):
+            with pytest.raises(ValueError, match=r"no labels of an image .*number"):
+                labels_from_json(good.replace(value, f"{number}, 2.5", 1).encode(), "a")
 
 
 def test_a_folder_without_a_manifest_says_how_to_make_one(tmp_path: Path) -> None:

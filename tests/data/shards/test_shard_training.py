@@ -13,6 +13,7 @@ import torch
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataModule, load_batch
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
+from hand_recon.data.mixture import MixtureDataModule
 from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.runs.building import build_data
 from hand_recon.schema import HandBatch
@@ -90,11 +91,12 @@ def test_a_resumed_epoch_begins_at_its_batch_and_reads_nothing_before(
 
 
 def test_two_folders_are_one_dataset_and_no_group_is_in_two_splits(
-    labels: Path, shard_folder: Path, tmp_path: Path
+    labels: Path, shard_folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     second = shards(labels, tmp_path / "out", "images_per_shard=2", "max_side=50")
     data = data_of([shard_folder, str(tmp_path / "o*")], val_fraction=0.3)
     every = [data.dataset(split) for split in ("train", "val", "test")]
+    assert "held out of 2 folders of shards, whose groups differ" in caplog.text
     assert sum(map(len, every)) == 4 * IMAGES
     groups = []
     for dataset in every:
@@ -102,6 +104,10 @@ def test_two_folders_are_one_dataset_and_no_group_is_in_two_splits(
         assert dataset.chosen is not None
         groups.append(set(dataset.rows.groups()[dataset.chosen].tolist()))
     assert len(set.union(*groups)) == sum(map(len, groups)) == 2 * IMAGES
+    caplog.clear()
+    assert len(data_of([second], val_fraction=0.3).dataset("val")) > 0
+    assert len(data_of([second, shard_folder], val=second, test=second).dataset("train")) > 0
+    assert "folders of shards" not in caplog.text
     assert len(data_of(second, val=shard_folder, test=shard_folder).dataset("train")) == 2 * IMAGES
 
 
@@ -113,7 +119,7 @@ def test_a_damaged_image_is_skipped_counted_and_never_zero(
     content = bytearray(path.read_bytes())
     first = data_of(folder, val=folder, test=folder).dataset("train")
     assert isinstance(first, ShardedImages)
-    middle = int(first.rows.indices[0]["offset"][0]) + 1500
+    middle = int(first.rows.indices[0].row(0)["offset"]) + 1500
     content[middle] ^= 0xFF
     path.write_bytes(content)
     data = data_of(folder, val=folder, test=folder).dataset("train")
@@ -166,3 +172,11 @@ def test_shards_are_a_part_of_a_mixture(shard_folder: Path) -> None:
     batch = next(batches(build_data(config)))
     assert len(batch) == 8
     assert {name.split(":")[0] for name in batch.source} == {"landmarks", "freihand"}
+
+
+def test_an_order_of_shards_is_refused_in_a_mixture(shard_folder: Path) -> None:
+    parts = {"files": data_of(shard_folder), "web": data_of(shard_folder, order="shards")}
+    told = r"part web has order=shards.*Set data.parts.web.order=all, or train on web alone"
+    with pytest.raises(ValueError, match=told):
+        MixtureDataModule(parts)
+    assert len(MixtureDataModule({"files": parts["files"]}).dataset("train")) == 14
