@@ -4,8 +4,9 @@ import io
 import itertools
 import json
 import re
-from collections import Counter
-from collections.abc import Callable, Hashable
+import stat
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ import yaml
 
 from hand_recon.reading.limits import LIMITS, too_large
 from hand_recon.reading.naming import naming
+from hand_recon.reading.yaml_loaders import FastLoader, SafeLoader
 
 LONGEST_NUMBER: Final = 308
 """Digits of a whole number; no double has more."""
@@ -27,11 +29,17 @@ def read_bytes(path: Path) -> bytes:
 
     Raises:
         OSError: It cannot be opened.
-        ValueError: It is larger than `text_bytes` of `LIMITS`.
+        ValueError: It is larger than `text_bytes` of `LIMITS`, or is a pipe or a device, whose size nothing
+            tells.
     """
-    size = path.stat().st_size
-    if size > LIMITS.text_bytes:
-        raise ValueError(too_large(path, size, "text_bytes", "bytes"))
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+        raise ValueError(
+            f"{path} is a pipe or a device; expected an ordinary file. Save its content in a file and give "
+            "that."
+        )
+    if found.st_size > LIMITS.text_bytes:
+        raise ValueError(too_large(path, found.st_size, "text_bytes", "bytes"))
     return path.read_bytes()
 
 
@@ -40,7 +48,7 @@ def read_text(path: Path, encoding: str = "utf-8-sig") -> str:
 
     Raises:
         OSError: It cannot be opened.
-        ValueError: It is not text, or larger than `text_bytes` of `LIMITS`.
+        ValueError: It is not text, no ordinary file, or larger than `text_bytes` of `LIMITS`.
     """
     content = read_bytes(path)
     with naming(path, "text in UTF-8"):
@@ -76,12 +84,12 @@ def parse_yaml(text: str, path: object) -> Any:  # noqa: ANN401  # any YAML
         path: Its file, for messages.
 
     Raises:
-        ValueError: It is no YAML, has a key twice, or references that make it larger than `yaml_values` of
-            `LIMITS` or endless.
+        ValueError: It is no YAML, has a key twice, or references or merge keys that make it larger than
+            `yaml_values` of `LIMITS` or endless.
     """
     with naming(path, "complete YAML"):
         _refuse_brackets(text)
-        content = yaml.load(text, Loader=_loader(text))  # noqa: S506  # safe ones both
+        content = yaml.load(text, Loader=partial(_loader(text), path=path))  # noqa: S506  # safe ones both
         values = _values(content, {})
     if values > LIMITS.yaml_values:
         raise ValueError(too_large(path, values, "yaml_values", "values, references included"))
@@ -104,29 +112,7 @@ def _loader(text: str) -> Any:  # noqa: ANN401  # PyYAML has no types
     """The fast loader for text that cannot be nested deeply, else the one that raises RecursionError."""
     # Every level takes a bracket, or a column of its line.
     levels = text.count("[") + text.count("{") + max(map(len, text.splitlines()), default=0)
-    return _FastLoader if levels < _FLAT else _SafeLoader
-
-
-class _EachKeyOnce:
-    """Constructor that refuses a mapping with a key twice, of which PyYAML would take the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        constructor: Any = self
-        keys = [constructor.construct_object(key, deep=True) for key, _ in node.value]
-        counts = Counter(key for key in keys if isinstance(key, Hashable))
-        twice = [key for key, count in counts.items() if count > 1]
-        if twice:
-            raise ValueError(f"the key {twice[0]!r:.60} is there twice,{node.start_mark}")
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)  # type: ignore[misc]
-        return mapping
-
-
-class _SafeLoader(_EachKeyOnce, yaml.SafeLoader):  # type: ignore[misc]
-    """PyYAML's own safe loader."""
-
-
-class _FastLoader(_EachKeyOnce, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Safe loader of libyaml, where it is there."""
+    return FastLoader if levels < _FLAT else SafeLoader
 
 
 def _values(value: object, known: dict[int, int]) -> int:

@@ -235,7 +235,8 @@ def _refuse_other_groups(path: str | Path, config: DictConfig) -> None:
         if not isinstance(found, DictConfig):
             raise ValueError(
                 f"{path} has {name}: {'null' if found is None else repr(found)[:60]} in its configuration; "
-                "expected the group of settings that hand-recon train writes. Take another copy or train again."
+                "expected the group of settings that hand_recon train writes. Take another copy, or train "
+                "again."
             )
 
 
