@@ -14,13 +14,22 @@ from hand_recon.command_line.words import quoted
 from hand_recon.runs.resuming import last_whole
 from hand_recon.runs.unfinished import MARK, is_in_use
 from hand_recon.runs.unfinished_runs import training_settings
-from hand_recon.tables.member_record import State, read_member
+from hand_recon.tables.member_record import (
+    ERROR_FILE,
+    MEMBER_FILE,
+    OUTPUT_FILE,
+    State,
+    read_member,
+)
 from hand_recon.tables.runs import METRICS_FILE, SETTINGS_FILE
 
 logger = logging.getLogger(__name__)
 
 CONTINUING: frozenset[str] = frozenset({"train"})
-"""Verbs whose runs go on in a new folder, by `resume=`; others go on in their own folder."""
+"""Verbs whose runs go on in a new folder, by `resume=`; others go on in their own folder, or begin anew."""
+
+_OF_THE_SWEEP: frozenset[str] = frozenset({MEMBER_FILE, ERROR_FILE, OUTPUT_FILE, ".hydra"})
+"""What the sweep and Hydra write in a run's folder."""
 
 
 @dataclass(frozen=True)
@@ -74,17 +83,33 @@ def next_attempt(member: Member) -> Attempt:
     """Folder and overrides with which a run goes on, or begins anew.
 
     A training that has a whole checkpoint of the same settings is continued from it, in a new folder.
+    Commands that mark a folder as unfinished and go on there, such as `fit`, have it again if their settings
+    are the same. All others begin anew, in a new folder.
     """
     before = list(attempts(member.folder))
-    if member.verb not in CONTINUING:
-        return _at(member, member.folder)
-    empty = not before or not _has_run(before[-1])
+    if before and _goes_on_in(before[-1], member):
+        return _at(member, before[-1])
+    empty = not before or not _has_run(before[-1], member.verb)
     number = len(before) + (not empty)
     folder = member.folder if number <= 1 else _numbered(member.folder, number)
-    for earlier in reversed(before):
-        if _settings_of(earlier) == member.settings and _has_checkpoint(earlier):
-            return _at(member, folder, f"resume={quoted(str(earlier))}")
+    if _continues(member):
+        for earlier in reversed(before):
+            if _settings_of(earlier) == member.settings and _has_checkpoint(earlier):
+                return _at(member, folder, f"resume={quoted(str(earlier))}")
     return _at(member, folder)
+
+
+def _goes_on_in(folder: Path, member: Member) -> bool:
+    """True if an attempt's folder is one that the same command goes on in."""
+    unfinished = member.verb not in CONTINUING and (folder / MARK).exists()
+    return unfinished and bool(_settings_of(folder) == member.settings)
+
+
+def _continues(member: Member) -> bool:
+    """True for a run that takes `resume=`; the repetition of a run (`from_run`) has no setting besides."""
+    names = (override.lstrip("+").partition("=") for override in member.overrides)
+    repeats = any(name == "from_run" and value not in ("", "null") for name, _, value in names)
+    return member.verb in CONTINUING and not repeats
 
 
 def _numbered(folder: Path, number: int) -> Path:
@@ -96,9 +121,11 @@ def _at(member: Member, folder: Path, *more: str) -> Attempt:
     return Attempt(folder, (*member.overrides, *more, *run))
 
 
-def _has_run(folder: Path) -> bool:
-    """True if an attempt came as far as its configuration."""
-    return any((folder / name).exists() for name in (SETTINGS_FILE, METRICS_FILE, MARK))
+def _has_run(folder: Path, verb: str) -> bool:
+    """True if an attempt has left something that the next one may not write again."""
+    if verb in CONTINUING:
+        return any((folder / name).exists() for name in (SETTINGS_FILE, METRICS_FILE, MARK))
+    return any(one.name not in _OF_THE_SWEEP and one.suffix != ".log" for one in folder.iterdir())
 
 
 def _is_finished(folder: Path, member: Member) -> bool:

@@ -98,6 +98,49 @@ def test_commands_that_go_on_in_their_own_folder_keep_it(tmp_path: Path) -> None
     assert finished_attempt(one) == one.folder
 
 
+def test_a_killed_or_changed_evaluation_begins_anew_beside_itself(tmp_path: Path) -> None:
+    one = member(tmp_path, "0", "ckpt=a", verb="evaluate")
+    one.folder.mkdir()
+    write_member(one.folder, MemberRecord(State.FAILED, settings=one.settings))
+    for name in ("output.txt", "error.txt", "evaluate.log"):
+        (one.folder / name).touch()
+    # It failed before it wrote anything.
+    assert next_attempt(one).folder == one.folder
+    (one.folder / "per_hand.csv").touch()
+    attempt = next_attempt(one)
+    assert attempt.folder == tmp_path / "0__2"
+    assert not any(word.startswith("resume=") for word in attempt.overrides)
+    finished_run(attempt.folder)
+    write_member(attempt.folder, MemberRecord(State.FINISHED, settings=one.settings))
+    assert finished_attempt(one) == attempt.folder
+    changed = replace(one, settings={"overrides": ["ckpt=b"]})
+    assert finished_attempt(changed) is None
+    assert next_attempt(changed).folder == tmp_path / "0__3"
+
+
+def test_a_changed_fit_begins_anew_beside_the_earlier_one(tmp_path: Path) -> None:
+    """Unfinished or finished: its own folder would be refused."""
+    one = member(tmp_path, "0", "seed=0", verb="fit")
+    interrupted(one.folder, one.settings)
+    changed = replace(one, settings={"overrides": ["seed=1"]})
+    assert next_attempt(changed).folder == tmp_path / "0__2"
+    (one.folder / MARK).unlink()
+    write_member(one.folder, MemberRecord(State.FINISHED, settings=one.settings))
+    assert next_attempt(changed).folder == tmp_path / "0__2"
+
+
+def test_a_killed_repetition_of_a_run_begins_anew(tmp_path: Path) -> None:
+    """from_run takes no other setting, and so no resume=."""
+    one = member(tmp_path, "0", "from_run='outputs/train/a'")
+    interrupted(one.folder, one.settings)
+    attempt = next_attempt(one)
+    assert attempt.folder == tmp_path / "0__2"
+    assert not any(word.startswith("resume=") for word in attempt.overrides)
+    two = member(tmp_path, "1", "from_run=null")
+    interrupted(two.folder, two.settings)
+    assert f"resume='{two.folder}'" in next_attempt(two).overrides
+
+
 def test_a_run_that_another_process_goes_on_with_is_known_by_its_lock(tmp_path: Path) -> None:
     one = member(tmp_path, "0", "seed=0")
     one.folder.mkdir()
