@@ -8,6 +8,7 @@ from pathlib import Path
 
 import lightning
 
+from hand_recon.processes.process_group import gathered, rank
 from hand_recon.sweeps.search.study import PRUNED, SEARCH_FILE, open_study, trial_of
 
 logger = logging.getLogger(__name__)
@@ -30,12 +31,32 @@ class ReportToSearch(lightning.Callback):
     def on_validation_end(
         self, trainer: lightning.Trainer, pl_module: lightning.LightningModule
     ) -> None:
-        """Report the objective, and stop the training if the pruner says so."""
-        if trainer.sanity_checking or not trainer.is_global_zero:
+        """Report the objective, and stop the training if the pruner says so.
+
+        The first of the processes that train together reports; all of them stop, or have its error.
+
+        Raises:
+            ValueError: There is no such score.
+        """
+        if trainer.sanity_checking:
             return
         scores = {name: float(value) for name, value in trainer.callback_metrics.items()}
-        if self.tell(trainer.current_epoch, scores):
+        verdict = self._verdict(trainer.current_epoch, scores) if rank() == 0 else None
+        first = gathered(verdict)[0]
+        if isinstance(first, Exception):
+            raise first
+        if first:
             trainer.should_stop = True
+
+    def _verdict(self, epoch: int, scores: Mapping[str, float]) -> bool | Exception:
+        """True if the training is to stop; an error as a value, since the other processes wait for it."""
+        try:
+            return self.tell(epoch, scores)
+        except ValueError as error:
+            return error
+        except Exception as error:  # noqa: BLE001  # Optuna's, of the disk or the journal
+            # Others may not survive the way to another process.
+            return OSError(f"The search in {self.folder} cannot be told a score: {error}")
 
     def tell(self, epoch: int, scores: Mapping[str, float]) -> bool:
         """Report the objective after an epoch; true if the training is to stop.

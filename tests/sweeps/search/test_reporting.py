@@ -1,9 +1,13 @@
 """Within a training, the scores of validations reach the search, and the pruner ends the training."""
 
+from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
+import lightning
 import pytest
 
+from hand_recon.sweeps.search import reporting
 from hand_recon.sweeps.search.reporting import ReportToSearch
 from hand_recon.sweeps.search.space import distributions
 from hand_recon.sweeps.search.study import PRUNED, Searched, claim, open_study, states
@@ -47,3 +51,72 @@ def test_an_objective_that_there_is_not_is_an_error_that_names_those_that_there_
     open_study(tmp_path).ask(fixed_distributions=distributions(SEARCHED.space))
     with pytest.raises(ValueError, match=r"val/E_2D, which .* no score of\. Known: val/E_J\."):
         ReportToSearch(tmp_path, 0).tell(0, {"val/E_J": 1.0})
+
+
+def trainer_of(scores: dict[str, float]) -> Mock:
+    """A trainer after an epoch's validation."""
+    return Mock(
+        spec=lightning.Trainer, callback_metrics=scores, current_epoch=0, sanity_checking=False,
+        should_stop=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def validated(monkeypatch: pytest.MonkeyPatch) -> Callable[[ReportToSearch, int, Mock], None]:
+    """Runs the callback in one of two processes; what the first one gathers reaches the other."""
+    sent: list[object] = []
+
+    def validate(report: ReportToSearch, number: int, trainer: Mock) -> None:
+        def gathered(value: object) -> list[object]:
+            if number == 0:
+                sent[:] = [value, None]
+            return list(sent)
+
+        monkeypatch.setattr(reporting, "rank", lambda: number)
+        monkeypatch.setattr(reporting, "gathered", gathered)
+        report.on_validation_end(trainer, Mock(spec=lightning.LightningModule))
+
+    return validate
+
+
+def test_the_verdict_of_the_first_process_ends_the_training_in_all(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    validated: Callable[[ReportToSearch, int, Mock], None],
+) -> None:
+    claim(tmp_path, SEARCHED)
+    asked: list[float] = []
+
+    def tell(self: ReportToSearch, epoch: int, scores: dict[str, float]) -> bool:
+        asked.append(scores["val/E_2D"])
+        return scores["val/E_2D"] > 1
+
+    monkeypatch.setattr(ReportToSearch, "tell", tell)
+    report = ReportToSearch(tmp_path, 0)
+    for score in (0.5, 2.0):
+        trainers = [trainer_of({"val/E_2D": score}) for _ in range(2)]
+        for number, trainer in enumerate(trainers):
+            validated(report, number, trainer)
+        assert [trainer.should_stop for trainer in trainers] == [score > 1] * 2
+    assert asked == [0.5, 2.0]
+
+
+def test_an_error_of_the_first_process_is_one_of_all(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    validated: Callable[[ReportToSearch, int, Mock], None],
+) -> None:
+    """The others would wait for its verdict for ever."""
+    claim(tmp_path, SEARCHED)
+    report = ReportToSearch(tmp_path, 0)
+    for number in (0, 1):
+        with pytest.raises(ValueError, match=r"no score of\. Known: val/E_J"):
+            validated(report, number, trainer_of({"val/E_J": 1.0}))
+
+    def broken(*_: object) -> bool:
+        raise KeyError("journal")
+
+    monkeypatch.setattr(ReportToSearch, "tell", broken)
+    for number in (0, 1):
+        with pytest.raises(OSError, match="cannot be told a score: 'journal'"):
+            validated(report, number, trainer_of({"val/E_J": 1.0}))
