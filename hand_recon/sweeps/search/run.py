@@ -17,7 +17,7 @@ from hand_recon.runs.configuration import check_extra, plain
 from hand_recon.runs.unfinished import lock
 from hand_recon.sweeps.attempts import Member, finished_attempt
 from hand_recon.sweeps.launching import ended_by_sigterm
-from hand_recon.sweeps.member_process import Ended, is_ending, run_member
+from hand_recon.sweeps.member_process import Ended, end_all, is_ending, run_member
 from hand_recon.sweeps.places import Place, places, usable_cores, visible_gpus
 from hand_recon.sweeps.search.outcome import Outcome, write_outcome
 from hand_recon.sweeps.search.space import distributions, overrides
@@ -89,21 +89,36 @@ class Session:
         self.interrupted = [one.number for one in states(self.study) if one.state.name == "RUNNING"]
 
     def run(self, free: list[Place]) -> None:
-        """Run trials at all places at once until there are enough."""
+        """Run trials at all places at once until there are enough.
+
+        The first error beside those of trials, such as of a full disk, ends the search: trials that are
+        running have a signal to save, and the error is raised after their ends. So does Ctrl-C.
+        """
+        errors: list[Exception] = []
         waiting: queue.SimpleQueue[Place] = queue.SimpleQueue()
         for place in free:
             waiting.put(place)
 
         def work() -> None:
             place = waiting.get()
-            for number in self._numbers():
-                self._trial(number, place)
+            try:
+                for number in self._numbers():
+                    self._trial(number, place)
+            except Exception as error:  # noqa: BLE001  # raised below
+                errors.append(error)
+                end_all()
 
         threads = [threading.Thread(target=work) for _ in free]
         for thread in threads:
             thread.start()
-        for thread in threads:
-            thread.join()
+        try:
+            _join(threads)
+        except KeyboardInterrupt:
+            end_all()
+            _join(threads)
+            raise
+        if errors:
+            raise errors[0]
 
     def _numbers(self) -> Iterator[int]:
         """Numbers of trials to run: interrupted ones, then new ones, until there are enough."""
@@ -172,6 +187,11 @@ class Session:
         metrics = json.loads((ended.folder / METRICS_FILE).read_text(encoding="utf-8"))
         value = metrics["validation"].get(self.searched.objective.removeprefix("val/"))
         return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _join(threads: list[threading.Thread]) -> None:
+    for thread in threads:
+        thread.join()
 
 
 def _states() -> tuple[Any, Any]:

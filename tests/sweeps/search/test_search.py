@@ -138,6 +138,51 @@ def test_a_trial_that_was_running_at_a_kill_goes_on_first(
     assert values(tmp_path)[2] == rate
 
 
+@pytest.mark.parametrize("places", [1, 2])
+def test_an_error_beside_those_of_trials_ends_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places: int
+) -> None:
+    """It is raised after the end of the other trials, which get a signal, and goes on with them later."""
+    monkeypatch.setattr(member_process, "_ending", threading.Event())
+
+    def full_disk(member: Member, place: Place) -> Ended:
+        if member.name == "0":
+            raise OSError("The disk is full")
+        assert member_process._ending.wait(20)
+        return Ended(member.name, "killed", member.folder, told="ended by SIGTERM")
+
+    monkeypatch.setattr(search_run, "run_member", full_disk)
+    found = session(tmp_path, 4)
+    with pytest.raises(OSError, match="The disk is full"):
+        found.run([Place()] * places)
+    assert {one.state.name for one in states(found.study)} == {"RUNNING"}
+    assert len(states(found.study)) <= places
+
+
+def test_ctrl_c_ends_the_trials_and_waits_for_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(member_process, "_ending", threading.Event())
+    join, saved = threading.Thread.join, []
+
+    def interrupted(thread: threading.Thread, timeout: float | None = None) -> None:
+        monkeypatch.setattr(threading.Thread, "join", join)
+        raise KeyboardInterrupt
+
+    def saves(member: Member, place: Place) -> Ended:
+        if member_process._ending.wait(20):
+            saved.append(member.name)
+        return Ended(member.name, "killed", member.folder, told="ended by SIGTERM")
+
+    monkeypatch.setattr(search_run, "run_member", saves)
+    found = session(tmp_path, 4)
+    monkeypatch.setattr(threading.Thread, "join", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        found.run([Place()])
+    assert saved == ["0"]
+    assert [one.state.name for one in states(found.study)] == ["RUNNING"]
+
+
 def test_a_trial_that_the_pruner_ended_is_pruned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
