@@ -44,10 +44,12 @@ def launched_place(environment: Mapping[str, str] | None = None) -> Place:
         local = int(env.get("LOCAL_WORLD_SIZE", count))
         launcher = env.get(LAUNCHER, "torchrun")
         return Place(int(env["RANK"]), int(env.get("LOCAL_RANK", 0)), count, local, launcher)
-    # Without a step, the variables are those of a batch script, which is one process.
-    if "SLURM_STEP_ID" in env and int(env.get("SLURM_NTASKS", 1)) > 1:
-        count = int(env["SLURM_NTASKS"])
-        local = int(env.get("SLURM_NTASKS_PER_NODE", count // int(env.get("SLURM_NNODES", 1))))
+    # Without a step, the variables are those of a batch script, which is one process. In the step of one task
+    # in which salloc starts a shell, SLURM_NTASKS is the job's number; the step has its own.
+    count = int(env.get("SLURM_STEP_NUM_TASKS", 1)) if "SLURM_STEP_ID" in env else 1
+    if count > 1:
+        machines = int(env.get("SLURM_STEP_NUM_NODES", env.get("SLURM_NNODES", 1)))
+        local = int(env.get("SLURM_NTASKS_PER_NODE", count // machines))
         return Place(
             int(env["SLURM_PROCID"]), int(env["SLURM_LOCALID"]), count, max(local, 1), "srun"
         )

@@ -42,7 +42,7 @@ def loop(path: Path) -> None:
 PLACES: Final[dict[str, Callable[[Path], None]]] = {
     "missing": missing, "folder": folder, "loop": loop,
 }  # fmt: skip
-"""What stands in the file's place instead."""
+"""Functions that put something else in the file's place."""
 
 
 @contextlib.contextmanager
@@ -123,7 +123,7 @@ CONTENTS: Final[dict[str, Callable[[bytes, Kind], bytes | None]]] = {
     "nested and cut off": nested_and_cut_off, "a huge number": huge, "1e400": infinite,
     "one number less": one_less,
 }  # fmt: skip
-"""What the file holds instead; None where that makes no sense for the kind."""
+"""Functions that make another content for the file; None where that makes no sense for the kind."""
 
 
 def with_nan(content: bytes, kind: Kind) -> bytes | None:
