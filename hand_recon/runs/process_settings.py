@@ -47,6 +47,7 @@ def check_together(trainer: DictConfig, launched: Place) -> None:
     Raises:
         ValueError: They cannot work; the message says what can.
     """
+    _check_numbers(trainer)
     machines, expected = int(trainer.get("num_nodes", 1)), expected_processes(trainer)
     asked = f"trainer.devices={trainer.get('devices', 1)} trainer.num_nodes={machines}"
     if max(launched.count, 1) != expected and launched.launcher is not None:
@@ -67,6 +68,25 @@ def check_together(trainer: DictConfig, launched: Place) -> None:
         )
     if expected > 1:
         _check_devices(trainer)
+
+
+def _check_numbers(trainer: DictConfig) -> None:
+    """Check that there is a process at all.
+
+    Raises:
+        ValueError: There is not, or a setting is no number.
+    """
+    for key in ("devices", "num_nodes"):
+        value = trainer.get(key, 1)
+        try:
+            count = processes_of_a_machine(trainer) if key == "devices" else int(value)
+        except (TypeError, ValueError):
+            count = 0
+        if count < 1:
+            also = ", a list of GPUs, or auto or -1 for all GPUs" if key == "devices" else ""
+            raise ValueError(
+                f"Found trainer.{key}={value}; expected 1 or more{also}. Give trainer.{key}=1 for one."
+            )
 
 
 def _check_devices(trainer: DictConfig) -> None:

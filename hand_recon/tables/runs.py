@@ -144,9 +144,17 @@ def _unfinished(folder: Path) -> str:
     record = read_member(folder)
     if record is None or record.state == State.FINISHED:
         return f"unfinished: it has no {METRICS_FILE}"
-    following = folder.with_name(f"{folder.name}__2")
+    following = _following(folder)
     again = f"; run again in {following.name}" if following.exists() else ""
     return f"{record.told}{again}"
+
+
+def _following(folder: Path) -> Path:
+    """Folder of the next attempt at a run of a sweep: `0__2` after `0`, `0__3` after `0__2`."""
+    name, mark, number = folder.name.rpartition("__")
+    if mark and number.isdecimal() and folder.with_name(name).is_dir():
+        return folder.with_name(f"{name}__{int(number) + 1}")
+    return folder.with_name(f"{folder.name}__2")
 
 
 def flattened(settings: Mapping[str, Any], above: str = "") -> dict[str, str]:

@@ -16,7 +16,7 @@ from hand_recon.evaluation.scores import HandPoints
 from hand_recon.knowledge.ranges import load_ranges
 
 HANDS = 11
-"""Of a test set that neither two nor three processes share evenly."""
+"""Size of a test set that neither two nor three processes share evenly."""
 
 
 def draws(*shape: int, seed: int = 0) -> torch.Tensor:

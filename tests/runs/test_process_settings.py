@@ -44,6 +44,12 @@ def test_there_is_a_process_for_each_device(
 @pytest.mark.parametrize(
     ("settings", "launched", "message"),
     [
+        ({"devices": 0}, ALONE, r"trainer\.devices=0; expected 1 or more, a list .* -1 for all"),
+        ({"devices": -2}, ALONE, r"trainer\.devices=-2; expected 1 or more"),
+        ({"devices": "-2"}, ALONE, r"trainer\.devices=-2; expected 1 or more"),
+        ({"devices": []}, ALONE, r"trainer\.devices=\[\]; expected 1 or more"),
+        ({"devices": "two"}, ALONE, r"trainer\.devices=two; expected 1 or more"),
+        ({"num_nodes": 0}, ALONE, r"trainer\.num_nodes=0; expected 1 or more\. Give"),
         ({"devices": 2}, Place(0, 0, 4, 4, "torchrun"), r"torchrun started 4 .* are 2\. Give"),
         ({}, Place(0, 0, 4, 4, "srun"), "srun started 4 processes.*without srun"),
         ({"devices": 2, "num_nodes": 2}, ALONE, "started there by torchrun or srun"),
@@ -70,6 +76,7 @@ def test_settings_that_cannot_work_are_refused_with_a_remedy(
     ("settings", "launched"),
     [
         ({}, ALONE),
+        ({"devices": -1}, ALONE),
         ({"strategy": "ddp"}, ALONE),
         ({"sync_batchnorm": True}, ALONE),
         ({"devices": 2}, ALONE),

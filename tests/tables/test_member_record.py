@@ -35,6 +35,11 @@ def test_a_failed_run_has_its_error_in_the_report(tmp_path: Path) -> None:
     assert reason(folder) == "failed: ValueError: lr"
     (tmp_path / "0_seed-0__2").mkdir()
     assert reason(folder) == "failed: ValueError: lr; run again in 0_seed-0__2"
+    second = tmp_path / "0_seed-0__2"
+    write_member(second, MemberRecord(State.KILLED))
+    assert reason(second) == "killed, to be continued"
+    (tmp_path / "0_seed-0__3").mkdir()
+    assert reason(second) == "killed, to be continued; run again in 0_seed-0__3"
 
 
 def test_a_run_that_goes_on_and_one_without_a_record_are_unfinished(tmp_path: Path) -> None:
