@@ -6,10 +6,12 @@ The command runs once to its end, and once more into another folder, where now a
 itself is killed (SIGKILL) at random times; a command that was killed is repeated. Both tables must have the
 same rows, none twice, with the same numbers. Then runs with one and with two workers alternate, and the
 medians of their rates are compared: images per second between the first and the last part file, without the
-start. The exit status is 1 where rows differ, or where the ratio is below `--ratio`.
+start. The exit status is 1 where rows differ, where fewer processes were killed than asked for, or where the
+ratio is below `--ratio`.
 """
 
 import argparse
+import contextlib
 import itertools
 import os
 import shutil
@@ -69,11 +71,16 @@ def workers_of(process: int) -> list[int]:
     """Processes of Daft's workers among the children of a command."""
     found = []
     for children in Path(f"/proc/{process}/task").glob("*/children"):
-        for child in children.read_text().split():
-            words = Path(f"/proc/{child}/cmdline").read_bytes()
-            if b"udf_worker" in words:
-                found.append(int(child))
-    return sorted(set(found))
+        found += [int(child) for child in _text(children).split()]
+    return sorted(one for one in set(found) if "udf_worker" in _text(Path(f"/proc/{one}/cmdline")))
+
+
+def _text(path: Path) -> str:
+    """Text of a file about a process; empty if the process has ended meanwhile."""
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""
 
 
 def until(output: Path, goal: int, process: subprocess.Popen[bytes]) -> bool:
@@ -86,6 +93,15 @@ def until(output: Path, goal: int, process: subprocess.Popen[bytes]) -> bool:
             process.kill()
             raise SystemExit(f"No part {goal} within {PATIENCE:.0f} s.")
         time.sleep(0.02)
+    return False
+
+
+def kill_worker(process: subprocess.Popen[bytes]) -> bool:
+    """Kill a worker of a command; false if there is none any more."""
+    for worker in workers_of(process.pid)[:1]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(worker, signal.SIGKILL)
+            return True
     return False
 
 
@@ -105,14 +121,15 @@ def kill_and_continue(
     """
     killed = [0, 0]
     process = subprocess.Popen(words, stderr=subprocess.DEVNULL)  # noqa: S603  # our own command
-    for number in range(kills):
+    while sum(killed) < kills:
         if not until(output, len(parts_of(output)) + 1, process):
             break
         time.sleep(float(random.uniform(0, 0.5)))
-        if number % 2 == 0:
-            os.kill(workers_of(process.pid)[0], signal.SIGKILL)
-            killed[0] += 1
+        if sum(killed) % 2 == 0:
+            killed[0] += kill_worker(process)
             continue
+        if process.poll() is not None:
+            break
         process.kill()
         process.wait()
         killed[1] += 1
@@ -120,6 +137,23 @@ def kill_and_continue(
     if process.wait(PATIENCE):
         raise SystemExit(f"The command ended with status {process.returncode}.")
     return killed[0], killed[1]
+
+
+def require(killed: tuple[int, int], wanted: int) -> None:
+    """Check that all kills took place.
+
+    Args:
+        killed: Numbers of workers and of commands that were killed.
+        wanted: Number of kills that were asked for.
+
+    Raises:
+        SystemExit: Some did not.
+    """
+    if sum(killed) < wanted:
+        raise SystemExit(
+            f"Found {sum(killed)} kills; expected {wanted}. The command ended before the others: give more "
+            "--images, a smaller --part or fewer --kills."
+        )
 
 
 def table_of(output: Path) -> dict[int, dict[str, Any]]:
@@ -215,6 +249,7 @@ def main(words: Sequence[str] | None = None) -> None:
             )
             if len(table_of(often)) != options.images or apart > 1e-5:
                 raise SystemExit(1)
+            require(killed, options.kills)
         if options.rounds:
             rates = measured(photos, folder, options.rounds, options.part)
             one, two = (statistics.median(rates[workers]) for workers in (1, 2))

@@ -1,6 +1,8 @@
 """The soak of `engine=daft`: what it compares and measures; the kills themselves are slow."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +61,22 @@ def test_the_rate_leaves_out_the_start(tmp_path: Path) -> None:
         path.write_bytes(b"")
         os.utime(path, (moment, moment))
     assert soak_scale.steady_rate(tmp_path, 8) == 4.0
+
+
+def test_a_soak_that_could_not_kill_has_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command that ends at once has no workers, and its tables are the same."""
+    monkeypatch.setattr(soak_scale, "command", lambda *_: [sys.executable, "-S", "-c", "pass"])
+    monkeypatch.setattr(soak_scale, "table_of", lambda output: {0: row(0)})
+    with pytest.raises(SystemExit, match="Found 0 kills; expected 3"):
+        soak_scale.main(["examples", "--images", "1", "--kills", "3", "--rounds", "0"])
+
+
+def test_where_there_is_no_worker_none_is_killed() -> None:
+    with subprocess.Popen(["sleep", "20"]) as process:  # noqa: S607
+        assert soak_scale.workers_of(process.pid) == []
+        assert not soak_scale.kill_worker(process)
+        assert process.poll() is None
+        process.kill()
 
 
 @pytest.mark.slow
