@@ -1,6 +1,7 @@
 """Within a training, the scores of validations reach the search, and the pruner ends the training."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -11,6 +12,8 @@ from hand_recon.sweeps.search import reporting
 from hand_recon.sweeps.search.reporting import ReportToSearch
 from hand_recon.sweeps.search.space import distributions
 from hand_recon.sweeps.search.study import PRUNED, Searched, claim, open_study, states
+from tests.support.killed_training import status
+from tests.support.trained_together import UNEVEN, start_together
 
 pytest.importorskip("optuna")
 
@@ -120,3 +123,26 @@ def test_an_error_of_the_first_process_is_one_of_all(
     for number in (0, 1):
         with pytest.raises(OSError, match="cannot be told a score: 'journal'"):
             validated(report, number, trainer_of({"val/E_J": 1.0}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("objective", ["val/E_J", "val/unknown"])
+def test_two_processes_of_a_pruned_trial_end_and_do_not_wait(
+    tmp_path: Path, objective: str
+) -> None:
+    """After the first of two epochs; where the first process has an error, both have it."""
+    above_zero = {"_target_": "optuna.pruners.ThresholdPruner", "upper": 0.0}
+    claim(tmp_path, replace(SEARCHED, objective=objective, pruner=above_zero))
+    open_study(tmp_path).ask(fixed_distributions=distributions(SEARCHED.space))
+    folder = tmp_path / "train" / "two"
+    report = (
+        f"+callbacks.search._target_={ReportToSearch.__module__}.ReportToSearch",
+        f"+callbacks.search.folder='{tmp_path}'", "+callbacks.search.trial=0",
+    )  # fmt: skip
+    words = (*UNEVEN, "trainer.check_val_every_n_epoch=1", "test=false", *report)
+    processes = start_together(tmp_path / "cache", folder, 2, *words)
+    known = objective == "val/E_J"
+    assert [status(process) for process in processes] == ([0, 0] if known else [1, 1])
+    (trial,) = states(open_study(tmp_path))
+    assert trial.user_attrs == ({PRUNED: 0} if known else {})
+    assert list(trial.intermediate_values) == ([0] if known else [])
