@@ -1,7 +1,7 @@
 """Calls that run code out of a file, or write outside a folder, are nowhere in the source (SECURITY.md)."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -32,18 +32,10 @@ LIGHTNING: Final = ("fit", "validate", "test", "predict")
 """Methods of a trainer that read the checkpoint `ckpt_path`."""
 
 
-def calls(tree: ast.AST) -> Iterator[tuple[int, str, ast.Call]]:
-    """Line, dotted name and node of every call; names are those before `import … as`."""
-    known = imported(tree)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            yield node.lineno, written_out(node.func, known), node
-
-
-def imported(tree: ast.AST) -> dict[str, str]:
+def imported(nodes: Iterable[ast.AST]) -> dict[str, str]:
     """Dotted names of modules, functions and classes by the names that they are imported as."""
     names: dict[str, str] = {}
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names |= {one.asname: one.name for one in node.names if one.asname}
         if isinstance(node, ast.ImportFrom):
@@ -83,25 +75,24 @@ def objection(name: str, call: ast.Call) -> str:
     return ""
 
 
-def names_without_calls(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Line and dotted name of everything that is imported from a module or inherited from."""
-    known = imported(tree)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom):
-            yield from ((node.lineno, f"{node.module}.{one.name}") for one in node.names)
-        if isinstance(node, ast.ClassDef):
-            yield from ((node.lineno, written_out(base, known)) for base in node.bases)
-
-
 def objections(text: str) -> Iterator[tuple[int, str, str]]:
     """Line, dotted name and reason of everything in a source that there is a reason against."""
-    tree = ast.parse(text)
-    for line, name, call in calls(tree):
-        if reason := objection(name, call):
-            yield line, name, reason
-    for line, name in names_without_calls(tree):
-        if name in NEVER:
-            yield line, name, f"{name} may run code, under any name"
+    nodes = list(ast.walk(ast.parse(text)))
+    known = imported(nodes)
+    for node in nodes:
+        names = []
+        if isinstance(node, ast.Call):
+            name = written_out(node.func, known)
+            if reason := objection(name, node):
+                yield node.lineno, name, reason
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{one.name}" for one in node.names]
+        elif isinstance(node, ast.ClassDef):
+            names = [written_out(base, known) for base in node.bases]
+        yield from (
+            (node.lineno, name, f"{name} may run code, under any name")  # type: ignore[attr-defined]
+            for name in names if name in NEVER
+        )  # fmt: skip
 
 
 def test_nothing_in_the_source_runs_code_of_a_file_or_unpacks_an_archive_to_the_disk() -> None:
