@@ -29,7 +29,7 @@ CONTINUING: frozenset[str] = frozenset({"train"})
 """Verbs whose runs go on in a new folder, by `resume=`; others go on in their own folder, or begin anew."""
 
 _OF_THE_SWEEP: frozenset[str] = frozenset({MEMBER_FILE, ERROR_FILE, OUTPUT_FILE, ".hydra"})
-"""What the sweep and Hydra write in a run's folder."""
+"""Entries of a run's folder that the sweep and Hydra write."""
 
 
 @dataclass(frozen=True)
