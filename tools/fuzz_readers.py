@@ -34,7 +34,7 @@ HANG = 300.0
 TOKENS = (
     b"null", b"NaN", b"Infinity", b"-1", b"0", b"1e400", b"1" + 400 * b"0", b"[", b"]", b"{", b"}", b'"',
     b",", b":", b"\n", b"\xff", b"\0", b"\xef\xbb\xbf", b"[[", b"]]", b"true", b'"a"', b"2147483648",
-    b"&a [*a]",
+    b"&a [*a]", b"<<: *a",
     b"<a>", b"</a>", b"PK\x03\x04", b"\x93NUMPY", b"999999999999", b"-", b".", b"e", b"''", b"\\ud800",
 )  # fmt: skip
 """Pieces that parsers treat specially."""

@@ -153,12 +153,13 @@ def _in_memory() -> list[Parser]:
     def json_seeds() -> list[bytes]:
         return [*_seeds_of("camera, JSON", "boxes")(), b'{"a": [null, true, -1.5e3, "\\u00e9"]}']
 
+    def yaml_seeds() -> list[bytes]:
+        merged = b"a: &a {b: 1.5, c: 2}\nd: &d {<<: *a, c: 3}\ne: {<<: [*a, *d], f: 4}\n"
+        return [*_seeds_of("camera, YAML", "settings", "DexYCB")(), merged]
+
     return [
         Parser("JSON", _text(lambda text: parse_json(text, NAME)), json_seeds, 2.0),
-        Parser(
-            "YAML", _text(lambda text: parse_yaml(text, NAME)),
-            _seeds_of("camera, YAML", "settings", "DexYCB"), 2.0,
-        ),
+        Parser("YAML", _text(lambda text: parse_yaml(text, NAME)), yaml_seeds, 2.0),
         Parser("npy", lambda content: load_array(content, NAME), _seeds_of("landmarks, npy"), 2.0),
         Parser("npz", lambda content: load_arrays(io.BytesIO(content), NAME), _seeds_of("audit, npz"), 2.0),
         Parser("pickle", _pickle, lambda: [*_seeds_of("HO3D")(), *HOSTILE_PICKLES.values()], 2.0),
