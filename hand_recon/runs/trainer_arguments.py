@@ -4,6 +4,7 @@ import os
 from typing import Any
 
 from lightning.fabric.plugins.environments.cluster_environment import ClusterEnvironment
+from lightning.pytorch.plugins.environments import LightningEnvironment
 from omegaconf import DictConfig
 
 from hand_recon.command_line.launched import Place
@@ -19,7 +20,8 @@ def trainer_arguments(trainer: DictConfig, place: Place) -> dict[str, Any]:
     # The datamodules deal out samples themselves.
     arguments: dict[str, Any] = {"use_distributed_sampler": False}
     if place.count == 1:
-        return arguments | {"strategy": "auto", "plugins": []}
+        # Lightning would take one process of a SLURM job for one of the job's tasks.
+        return arguments | {"strategy": "auto", "plugins": [LightningEnvironment()]}
     chosen = trainer.get("strategy", "auto")
     return arguments | {
         "strategy": "ddp" if chosen == "auto" else chosen, "plugins": [Together(place)],

@@ -27,7 +27,7 @@ RULES = {"_target_": "hand_recon.knowledge.functional_anatomy.FunctionalAnatomy"
 
 
 def settings(row: int, seed: int, **changes: object) -> dict[str, Any]:
-    """What a run of a row was configured with, as much as matters here."""
+    """Settings of a run of a row, as many as matter here."""
     ranges, anatomy, physics, term = KNOWN[row]
     config = {
         "name": f"ablation_row{row}",

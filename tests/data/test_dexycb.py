@@ -106,7 +106,7 @@ def test_ids_count_every_frame_whether_it_shows_a_hand_or_not(written: Path) -> 
 def test_frames_without_a_hand_are_dropped_aloud_and_by_rule(
     root: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Of the 12 frames of camera 7, one more loses its 2D labels and one its pose."""
+    """One more of the 12 frames of camera 7 loses its 2D labels, and one its pose."""
     before = len(DexYcb("test", recipe(root)))
     shown = [
         path for path in sorted(root.glob(f"2*/*/{SERIALS[7]}/labels_*.npz"))

@@ -116,7 +116,7 @@ PLACES = {
         "data.parts.landmarks.train=/nowhere/labels.json",
     ],
 }
-"""What each dataset must be told besides its name."""
+"""Settings that each dataset needs besides its name."""
 
 
 @pytest.mark.parametrize(("group", "member"), MEMBERS)
