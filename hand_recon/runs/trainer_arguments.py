@@ -3,8 +3,8 @@
 import os
 from typing import Any
 
-from lightning.fabric.plugins.environments import LightningEnvironment
 from lightning.fabric.plugins.environments.cluster_environment import ClusterEnvironment
+from lightning.fabric.plugins.environments.lightning import LightningEnvironment
 from omegaconf import DictConfig
 
 from hand_recon.command_line.launched import Place
