@@ -2,6 +2,7 @@
 
 import gc
 import os
+import platform
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -82,10 +83,25 @@ def collection_paused() -> Iterator[None]:
             gc.enable()
 
 
-def usable_cores() -> int:
-    """Cores that this process may use."""
+def core_numbers() -> list[int]:
+    """Numbers of the cores that this process may use."""
     # Systems without CPU affinity give a process all cores.
-    return len(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
+    return sorted(getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0))
+
+
+def usable_cores() -> int:
+    """Number of the cores that this process may use."""
+    return len(core_numbers())
+
+
+def processor_name() -> str:
+    """Name of the processor's model; of its architecture where the system does not tell."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
 
 
 def default_threads() -> int:

@@ -20,6 +20,11 @@ DAMAGE: Final = (
 )  # fmt: skip
 """Errors of parsers and of libraries on damaged or hostile files that are no ValueError."""
 
+OTHER_FORM: Final = (
+    ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError,
+)  # fmt: skip
+"""Errors of code that takes what JSON holds apart, where it holds something else."""
+
 _REASONS: Final = (
     (RecursionError, "it is nested too deeply"),
     (MemoryError, "there is not enough memory for what it announces"),

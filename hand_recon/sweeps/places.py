@@ -53,13 +53,6 @@ def _gpus_of(run: int, count: int, gpus: list[str]) -> str | None:
     return ",".join(gpus[run::count] or [gpus[run % len(gpus)]])
 
 
-def usable_cores() -> list[int]:
-    """Numbers of the cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
 def visible_gpus() -> list[str]:
     """GPUs that this process may use: those of CUDA_VISIBLE_DEVICES, else all that nvidia-smi lists."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")

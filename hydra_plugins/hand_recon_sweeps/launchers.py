@@ -102,10 +102,11 @@ class ProcessLauncher(MemberLauncher):
 
     def run(self, members: Sequence[Any]) -> list[Any]:
         """Run members to their ends."""
+        from hand_recon.command_line.processor import core_numbers
         from hand_recon.sweeps.launching import run_locally
-        from hand_recon.sweeps.places import places, usable_cores, visible_gpus
+        from hand_recon.sweeps.places import places, visible_gpus
 
-        return run_locally(members, places(self.n_jobs, usable_cores(), visible_gpus()))
+        return run_locally(members, places(self.n_jobs, core_numbers(), visible_gpus()))
 
 
 class SubmititLauncher(MemberLauncher):

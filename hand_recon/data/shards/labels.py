@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hand_recon.data.annotations import AnnotatedHands
+from hand_recon.reading.naming import OTHER_FORM
 
 FIELDS: Final = ("person", "split", "source", "licence")
 """Facts on an image that are carried along as text, where they are known."""
@@ -91,14 +92,7 @@ def labels_from_json(content: bytes, name: str) -> AnnotatedHands:
             occluded=_occluded(entries),
             intrinsics=_column(entries, "intrinsics", (3, 3)),
         )
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except OTHER_FORM as error:
         raise ValueError(f"no labels of an image ({type(error).__name__}: {error})") from error
 
 

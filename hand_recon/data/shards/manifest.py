@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hand_recon.data.shards.index import CURE
+from hand_recon.reading.naming import OTHER_FORM
 
 MANIFEST: Final = "shards.json"
 """Name of the manifest in its folder."""
@@ -127,14 +128,7 @@ def read_manifest(content: bytes, where: str) -> Manifest:
         )
         _check_groups(manifest)
         return manifest
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except OTHER_FORM as error:
         raise ValueError(
             f"{where} is no manifest of shards: it has {type(error).__name__} {error}. {CURE}"
         ) from error

@@ -5,10 +5,11 @@ import platform
 import sys
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import torch
+
+from hand_recon.command_line.processor import processor_name, usable_cores
 
 try:
     import resource
@@ -19,12 +20,10 @@ except ImportError:  # Windows
 def hardware() -> dict[str, Any]:
     """Processor, cores, memory, accelerators and compute threads."""
     return {
-        "processor": _processor(),
+        "processor": processor_name(),
         "instructions": torch.backends.cpu.get_cpu_capability(),
         "cores": os.cpu_count(),
-        "usable_cores": len(
-            getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))(0)
-        ),
+        "usable_cores": usable_cores(),
         "memory_gib": _memory(),
         "gpus": [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())],
         "cuda": torch.version.cuda,
@@ -54,15 +53,6 @@ class Meter:
         if torch.cuda.is_available():
             found["peak_gpu_memory_mib"] = round(torch.cuda.max_memory_reserved() / 2**20, 1)
         return found
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def _memory() -> float | None:

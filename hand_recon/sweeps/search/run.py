@@ -12,13 +12,14 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from hand_recon.command_line.processor import core_numbers
 from hand_recon.command_line.words import quoted
 from hand_recon.runs.configuration import check_extra, plain
 from hand_recon.runs.unfinished import lock
 from hand_recon.sweeps.attempts import Member, finished_attempt
 from hand_recon.sweeps.launching import ended_by_sigterm
 from hand_recon.sweeps.member_process import Ended, end_all, is_ending, run_member
-from hand_recon.sweeps.places import Place, places, usable_cores, visible_gpus
+from hand_recon.sweeps.places import Place, places, visible_gpus
 from hand_recon.sweeps.search.outcome import Outcome, write_outcome
 from hand_recon.sweeps.search.space import distributions, overrides
 from hand_recon.sweeps.search.study import (
@@ -67,7 +68,7 @@ def search(config: DictConfig) -> dict[str, Any]:
     claim(folder, searched)
     lock(folder)
     session = Session(folder, searched, int(chosen["trials"]))
-    free = places(chosen["n_jobs"], usable_cores(), visible_gpus())
+    free = places(chosen["n_jobs"], core_numbers(), visible_gpus())
     with ended_by_sigterm():
         session.run(free)
     return write_outcome(Outcome(folder, searched, states(session.study)))
