@@ -66,6 +66,7 @@ def test_whole_images_and_boxes_need_a_side(folder: Path, runs: Path) -> None:
     assert {entry["side"] for entry in read(folder / "whole")} == {"right"}
 
 
+@pytest.mark.slow
 def test_a_camera_with_lens_distortion_moves_the_landmarks_that_the_network_finds(
     folder: Path, runs: Path
 ) -> None:

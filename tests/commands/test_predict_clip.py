@@ -150,6 +150,7 @@ def test_a_video_is_given_alone(detector: ScriptedDetector, tmp_path: Path) -> N
         predict(config)
 
 
+@pytest.mark.slow
 def test_results_are_not_overwritten(detector: ScriptedDetector, tmp_path: Path) -> None:
     clip = clip_file(tmp_path)
     predict(asked(clip, tmp_path / "out"))
@@ -157,6 +158,7 @@ def test_results_are_not_overwritten(detector: ScriptedDetector, tmp_path: Path)
         predict(asked(clip, tmp_path / "out"))
 
 
+@pytest.mark.slow
 def test_the_camera_follows_the_size_of_large_hands_once_for_all_frames(
     detector: ScriptedDetector, tmp_path: Path
 ) -> None:

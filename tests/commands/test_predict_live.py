@@ -105,6 +105,7 @@ def test_hands_are_written_as_they_come(
     assert len(hand_recon.read_hands(out / "hands.jsonl")) == len(entries)
 
 
+@pytest.mark.slow
 def test_the_later_result_follows_the_hand(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -83,6 +83,7 @@ def test_all_hands_of_a_file_have_one_shape(landmarks: Path, tmp_path: Path) -> 
     assert residuals[0] < residuals[1] + 2.0
 
 
+@pytest.mark.slow
 def test_parts_of_a_file_and_an_interruption_do_not_change_the_shape(
     landmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

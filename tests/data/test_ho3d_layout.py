@@ -118,6 +118,7 @@ def test_the_configuration_builds_it() -> None:
     assert (data.recipe.test_crop.around, data.recipe.test_crop.expansion) == ("box", 1.5)
 
 
+@pytest.mark.slow
 def test_an_ho3d_folder_trains_and_is_evaluated(root: Path, tmp_path: Path) -> None:
     root = shutil.copytree(root, tmp_path / "HO3D_v3")
     small = [text for text in SMALL if not text.startswith(("data.", "synthetic", "trainer.max"))]

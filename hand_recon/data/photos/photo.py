@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 import numpy as np
 from jaxtyping import UInt8
@@ -121,7 +121,7 @@ def _damage_named(path: Path, kind: Kind) -> Iterator[None]:
         raise _damaged(path, kind, error) from error
 
 
-def _read(stream: IO[bytes], path: Path, kind: Kind, largest: int | None) -> Photo:
+def _read(stream: io.BufferedReader | io.BytesIO, path: Path, kind: Kind, largest: int | None) -> Photo:
     with _own_limit(), Image.open(stream, formats=[kind.name]) as image:
         _check_size(path, image.size, largest or LARGEST_PHOTO)
         return _decoded(image, path, kind)
