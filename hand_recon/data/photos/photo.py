@@ -121,7 +121,9 @@ def _damage_named(path: Path, kind: Kind) -> Iterator[None]:
         raise _damaged(path, kind, error) from error
 
 
-def _read(stream: io.BufferedReader | io.BytesIO, path: Path, kind: Kind, largest: int | None) -> Photo:
+def _read(
+    stream: io.BufferedReader | io.BytesIO, path: Path, kind: Kind, largest: int | None
+) -> Photo:
     with _own_limit(), Image.open(stream, formats=[kind.name]) as image:
         _check_size(path, image.size, largest or LARGEST_PHOTO)
         return _decoded(image, path, kind)
