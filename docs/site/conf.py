@@ -20,6 +20,7 @@ include_patterns = [
     "data/README.md",
     "README.md",
     "CONTRIBUTING.md",
+    "SECURITY.md",
     "CHANGELOG.md",
 ]
 # The records of decisions are reached from their index; a test checks that every other page is in the menu.
