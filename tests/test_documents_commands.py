@@ -81,5 +81,5 @@ def test_every_document_is_in_the_menu_of_the_site() -> None:
     }
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
     assert entries == pages | {
-        "../data/README", "../README", "../CONTRIBUTING", "../CHANGELOG", "decisions/README"
+        "../data/README", "../README", "../CONTRIBUTING", "../SECURITY", "../CHANGELOG", "decisions/README",
     }  # fmt: skip

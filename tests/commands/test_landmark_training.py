@@ -50,6 +50,7 @@ def test_pictures_with_2d_landmarks_alone_train_and_are_scored_in_2d(
     assert again["test"] == pytest.approx(scores, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_mixture_trains_on_both_and_is_scored_on_one(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

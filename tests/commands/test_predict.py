@@ -151,6 +151,7 @@ def test_hands_on_standard_output_are_json_alone(folder: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["K.json", "found.json", "photos"]
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_photograph_ends_with_its_reason_and_status_1(folder: Path) -> None:
     words = [
         sys.executable, "-m", "hand_recon", "predict", "photos/4 cut off.png", "photos/1 two.png", "--output",

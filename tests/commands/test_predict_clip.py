@@ -94,12 +94,14 @@ def test_a_clip_becomes_hands_over_time(
         assert row["jitter_after_mm_per_s2"] < 0.7 * row["jitter_before_mm_per_s2"]
 
 
+@pytest.mark.slow
 def test_no_smoothing_is_every_frame_for_itself(detector: ScriptedDetector, tmp_path: Path) -> None:
     summary = predict(asked(clip_file(tmp_path), tmp_path / "out", "motion.smoothing=0"))
     for row in summary["jitter"]:
         assert row["jitter_after_mm_per_s2"] == row["jitter_before_mm_per_s2"]
 
 
+@pytest.mark.slow
 def test_each_hand_has_one_shape_and_one_person_has_one(
     detector: ScriptedDetector, tmp_path: Path
 ) -> None:
@@ -125,6 +127,7 @@ def test_long_clips_have_a_hand_to_a_line(
     assert found.moments == hand_recon.read_hands(tmp_path / "list" / "hands.json").moments
 
 
+@pytest.mark.slow
 def test_images_with_a_rate_are_a_clip(detector: ScriptedDetector, tmp_path: Path) -> None:
     folder = tmp_path / "frames"
     folder.mkdir()

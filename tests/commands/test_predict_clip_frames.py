@@ -49,6 +49,7 @@ def stop(*arguments: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_frames_keep_their_numbers_where_one_is_missing(
     detector: ScriptedDetector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

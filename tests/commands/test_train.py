@@ -75,6 +75,7 @@ def test_evaluation_gives_the_numbers_of_the_training_run(
     assert again["mean_pose"] == pytest.approx(metrics["mean_pose"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_continued_ends_like_one_that_was_not(cache: Path, tmp_path: Path) -> None:
     """One epoch, then a second: the losses of the second are those of the run of two epochs."""
     first, second = tmp_path / "first", tmp_path / "second"

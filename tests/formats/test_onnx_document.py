@@ -20,6 +20,7 @@ def test_the_tables_name_every_input_and_output() -> None:
     assert sorted(named) == sorted([*INPUTS, *OUTPUTS])
 
 
+@pytest.mark.slow
 def test_the_example_finds_the_six_hands_where_they_are_in_the_image(
     lifter_file: LifterFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -83,6 +83,7 @@ def test_a_changed_file_has_another_state(tmp_path: Path) -> None:
     assert file_state(file) != before
 
 
+@pytest.mark.slow
 def test_a_folder_that_another_command_writes_to_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
     claim_or_resume(tmp_path / "out", ["hands.json"], SETTINGS)

@@ -130,6 +130,7 @@ def in_new_process(program: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.slow
 def test_a_bare_machine_needs_none_of_the_modules_that_it_may_lack(
     carried: Path, tmp_path: Path
 ) -> None:
