@@ -24,12 +24,7 @@ from hand_recon.scale.landmark_worker import LandmarkTask, LandmarkWorker, point
 from hand_recon.scale.schema import NUMBERS, numbers
 from hand_recon.scale.settings import plain_settings
 from hand_recon.schema import HandBatch
-from tests.support.photo_folder import CAMERA, QUICK, photo_folder
-
-
-@pytest.fixture(scope="module")
-def folder(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return photo_folder(hand, tmp_path_factory.mktemp("photos"))
+from tests.support.photo_folder import CAMERA, QUICK
 
 
 @pytest.fixture(scope="module")
