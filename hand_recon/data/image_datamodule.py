@@ -4,6 +4,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
+from jaxtyping import Float
+from torch import Tensor
+
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
@@ -69,3 +72,22 @@ class ImageDataModule(HandDataModule):
     def _split(self, split: str) -> HandDataset:
         dataset: HandDataset = self.dataset_type(split, self.recipe)
         return dataset
+
+
+class LabelledImageDataModule(ImageDataModule):
+    """Images with 2D labels and no 3D ground truth."""
+
+    default_crop = CropPolicy(around="joints")
+
+    def dataset_with_surfaces(self, split: str) -> HandDataset:
+        """The dataset of a split, which has no surfaces."""
+        return self.dataset(split)
+
+    def train_ground_truth(
+        self, limit: int | None = None
+    ) -> (
+        tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
+    ):
+        """None: images with 2D labels have no 3D ground truth, so no image is read."""
+        del limit
+        return None

@@ -2,20 +2,17 @@
 
 from typing import Any
 
-from jaxtyping import Float
-from torch import Tensor
 from torch.utils.data import DataLoader
 
-from hand_recon.data.crop import CropPolicy
 from hand_recon.data.datamodule import HandDataset
-from hand_recon.data.image_datamodule import ImageDataModule
+from hand_recon.data.image_datamodule import LabelledImageDataModule
 from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.data.shards.order import Mixing, ShardShuffle
 from hand_recon.data.shards.splits import ShardRecipe, ShardSplits, check_cache
 from hand_recon.schema import HandSample
 
 
-class ShardDataModule(ImageDataModule):
+class ShardDataModule(LabelledImageDataModule):
     """Images with 2D landmarks in shards, local or behind a URL; without 3D, so scores are 2D only.
 
     With `order=all` a training sees the batches that it would see with the image files, bit for bit.
@@ -24,7 +21,6 @@ class ShardDataModule(ImageDataModule):
     name = "landmarks"
     landmark_set = "knuckle"
     recipe_type = ShardRecipe
-    default_crop = CropPolicy(around="joints")
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401  # Those of `ImageDataModule`.
         """Store the settings; files are read on first use.
@@ -55,19 +51,6 @@ class ShardDataModule(ImageDataModule):
     def own_order(self) -> str | None:
         """`order=shards`, which only a training on these shards alone can follow; None with `order=all`."""
         return None if self.recipe.order == "all" else f"order={self.recipe.order}"
-
-    def dataset_with_surfaces(self, split: str) -> HandDataset:
-        """The dataset of a split, which has no surfaces."""
-        return self.dataset(split)
-
-    def train_ground_truth(
-        self, limit: int | None = None
-    ) -> (
-        tuple[Float[Tensor, "sample landmark=21 3"], Float[Tensor, "sample vertex 3"] | None] | None
-    ):
-        """None: shards have no 3D ground truth, so no image is read."""
-        del limit
-        return None
 
     def _split(self, split: str) -> HandDataset:
         return self._splits.dataset(split)
