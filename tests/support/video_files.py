@@ -29,8 +29,11 @@ def numbered_image(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.
 
 
 def grey_of(number: int) -> int:
-    """Grey level of a frame, 8 levels apart so that compression keeps them apart."""
-    return 8 * number
+    """Grey level of a frame, 8 levels apart so that compression keeps them apart.
+
+    Levels repeat after 32 frames: a camera without an end gives more than that before it is closed.
+    """
+    return 8 * number % 256
 
 
 def number_of(pixels: np.ndarray) -> int:
