@@ -2,8 +2,7 @@
 
 import logging
 import zlib
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import lightning
 import torch
@@ -12,6 +11,14 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from hand_recon.data.augment import Augmentation, to_float
+from hand_recon.data.dataset import (
+    BatchedDataset,
+    Batches,
+    DatasetFactory,
+    HandDataset,
+    load_batch,
+    stacked,
+)
 from hand_recon.data.sample_order import (
     DealtOut,
     EpochSampler,
@@ -22,31 +29,9 @@ from hand_recon.data.sample_order import (
 )
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.processes import process_group
-from hand_recon.schema import HandBatch, HandParameters, HandSample, collate
+from hand_recon.schema import HandBatch, HandParameters, HandSample
 
 logger = logging.getLogger(__name__)
-
-
-@runtime_checkable
-class HandDataset(Protocol):
-    """Interface of a dataset; any map-style `Dataset[HandSample]` has it."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, index: int, /) -> HandSample: ...
-
-
-@runtime_checkable
-class BatchedDataset(HandDataset, Protocol):
-    """A dataset that makes whole batches itself, which is many times faster for small samples."""
-
-    def batch(self, indices: list[int], /) -> HandBatch:
-        """Several samples, stacked as `collate` would."""
-        ...
-
-
-DatasetFactory = Callable[[], HandDataset]
-"""Function that builds a dataset when it is first needed: a class or function with its arguments bound."""
 
 
 class HandDataModule(lightning.LightningDataModule):
@@ -252,44 +237,12 @@ class HandDataModule(lightning.LightningDataModule):
         # The seeds of loading processes differ between processes of a training, too.
         seeds = torch.Generator().manual_seed(zlib.crc32(repr((self.seed, rank)).encode()))
         return loader(
-            _Batches(dataset) if isinstance(dataset, BatchedDataset) else dataset,  # type: ignore[arg-type]  # any sized, indexable object will do
+            Batches(dataset) if isinstance(dataset, BatchedDataset) else dataset,  # type: ignore[arg-type]  # any sized, indexable object will do
             **batches,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
             pin_memory=torch.cuda.is_available(),
-            collate_fn=_stacked,
+            collate_fn=stacked,
             worker_init_fn=limit_threads,
             generator=seeds if rank else None,
         )
-
-
-class _Batches:
-    """Adapter of a `BatchedDataset` to `__getitems__`, by which a loader fetches a whole batch."""
-
-    def __init__(self, dataset: BatchedDataset) -> None:
-        self.dataset = dataset
-
-    def __len__(self) -> int:
-        return len(self.dataset)
-
-    def __getitem__(self, index: int) -> HandSample:
-        return self.dataset[index]
-
-    def __getitems__(self, indices: list[int]) -> HandBatch:
-        return self.dataset.batch(indices)
-
-
-def load_batch(dataset: HandDataset, indices: list[int]) -> HandBatch:
-    """Load some samples of a dataset as one batch.
-
-    Args:
-        dataset: Dataset to read.
-        indices: Positions in the dataset.
-    """
-    if isinstance(dataset, BatchedDataset):
-        return dataset.batch(indices)
-    return collate([dataset[index] for index in indices])
-
-
-def _stacked(samples: list[HandSample] | HandBatch) -> HandBatch:
-    return samples if isinstance(samples, HandBatch) else collate(samples)

@@ -10,7 +10,8 @@ from torch import Tensor
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import HandDataset
 
 
 class ImageDataModule(HandDataModule):

@@ -16,7 +16,8 @@ from torch.utils.data import DataLoader
 
 from hand_recon.camera import default_intrinsics
 from hand_recon.data.augment import Augmentation
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.sample_order import EpochSampler
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.schema import HandParameters, HandSample

@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 from omegaconf import DictConfig
 
 from hand_recon.data.augment import to_float
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.scores import LANDMARK_SCORES, HandPoints, landmark_scores
 from hand_recon.runs.building import build_data

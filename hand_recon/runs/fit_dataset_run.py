@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.landmarks.image_landmarks import ImageLandmarks
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.fitting.fitted_hands import FittedHands

@@ -12,7 +12,8 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from hand_recon.data.annotated_dataset import AnnotatedImages
-from hand_recon.data.datamodule import HandDataModule, load_batch
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.detection.model_download import prepare_models
 from hand_recon.detection.models import ModelFolder

@@ -21,7 +21,8 @@ from torch import Tensor
 from hand_recon import __version__
 from hand_recon.command_line.launched import ALONE, Place
 from hand_recon.data.augment import to_float
-from hand_recon.data.datamodule import HandDataModule, load_batch
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.evaluation.baseline import mean_pose_baseline
 from hand_recon.evaluation.scores import HandPoints

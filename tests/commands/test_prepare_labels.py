@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from omegaconf import open_dict
 
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.landmarks.files import read_landmarks
 from hand_recon.data.landmarks.parsed import Assumptions
 from hand_recon.data.photos.photo import read_photo

@@ -11,7 +11,7 @@ import pytest
 from omegaconf import DictConfig, open_dict
 from PIL import Image
 
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.photos.photo import read_photo
 from hand_recon.detection.detector import DetectedHand, Detections
 from hand_recon.runs import preparation as prepare

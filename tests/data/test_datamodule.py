@@ -12,7 +12,8 @@ from hand_recon.command_line.composing import composed
 from hand_recon.data.augment import Augmentation
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.freihand.datamodule import FreiHandDataModule
 from hand_recon.data.sample_order import SeededShuffle
 from hand_recon.data.synthetic.datamodule import SyntheticDataModule

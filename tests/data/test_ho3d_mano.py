@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.ho3d.datamodule import Ho3dDataModule
 from hand_recon.data.ho3d.dataset import Ho3d, Ho3dRecipe
 from hand_recon.hand.mano.hand import mano_hand

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hand_recon.data.datamodule import load_batch
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.images import decode_image
 from hand_recon.data.shards.encoding import Encoding
 from hand_recon.data.shards.manifest import MANIFEST

@@ -7,7 +7,10 @@ import pytest
 
 Test = TypeVar("Test", bound=Callable[..., Any])
 
-UNCLOSED = "ignore:Exception ignored (in.|while finalizing file) <_io.FileIO:pytest.PytestUnraisableExceptionWarning"
+UNCLOSED = (
+    "ignore:Exception ignored (in.|while finalizing file) <_io.FileIO"
+    ":pytest.PytestUnraisableExceptionWarning"
+)
 """Daft 0.7 leaves the pipe of a worker that has ended to the collection of unreachable objects."""
 
 

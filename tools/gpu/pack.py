@@ -19,7 +19,7 @@ from jaxtyping import UInt8
 
 from gpu.packed import BACKBONE, HANDS, IN_3D, PackedHands
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.landmarks.exchanged import WithExchangedFingers
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 from hand_recon.data.progress import with_progress

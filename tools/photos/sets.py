@@ -14,7 +14,7 @@ from depth.sets import SecondCamera
 from depth.stereo import stereo_clip
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import ReadingPolicy
-from hand_recon.data.datamodule import HandDataset, load_batch
+from hand_recon.data.dataset import HandDataset, load_batch
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits
 from hand_recon.detection.detector import DetectedHand
 from hand_recon.hand.skeleton import LANDMARKS

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.image_datamodule import LabelledImageDataModule
 from hand_recon.data.landmarks.exchanged import WithExchangedFingers
 from hand_recon.data.landmarks.splits import LandmarkRecipe, LandmarkSplits

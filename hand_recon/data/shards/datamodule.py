@@ -4,7 +4,7 @@ from typing import Any
 
 from torch.utils.data import DataLoader
 
-from hand_recon.data.datamodule import HandDataset
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.image_datamodule import LabelledImageDataModule
 from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.data.shards.order import Mixing, ShardShuffle

@@ -7,7 +7,8 @@ from pathlib import Path
 import torch
 
 from hand_recon.data.augment import Augmentation
-from hand_recon.data.datamodule import HandDataModule, HandDataset
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import HandDataset
 from hand_recon.data.sample_order import SeededShuffle
 from hand_recon.data.selection import evenly_spaced
 from hand_recon.data.synthetic.dataset import SyntheticHands

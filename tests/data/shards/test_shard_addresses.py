@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from hand_recon.data.datamodule import HandDataset, load_batch
+from hand_recon.data.dataset import HandDataset, load_batch
 from hand_recon.data.shards.cache import BoundedCache
 from hand_recon.data.shards.dataset import ShardedImages
 from hand_recon.data.shards.manifest import ShardFile, read_manifest

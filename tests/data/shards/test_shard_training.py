@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from hand_recon.data.crop import CropPolicy
-from hand_recon.data.datamodule import HandDataModule, load_batch
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import load_batch
 from hand_recon.data.landmarks.datamodule import LandmarkDataModule
 from hand_recon.data.mixture import MixtureDataModule
 from hand_recon.data.shards.dataset import ShardedImages
