@@ -19,6 +19,7 @@ from hand_recon.data.dataset import (
     load_batch,
     stacked,
 )
+from hand_recon.data.resident import ResidentDataset, check_place
 from hand_recon.data.sample_order import (
     DealtOut,
     EpochSampler,
@@ -53,6 +54,7 @@ class HandDataModule(lightning.LightningDataModule):
         workers: int = 0,
         augmentation: Augmentation | None = None,
         seed: int = 0,
+        keep: str = "disk",
     ) -> None:
         """Store the settings; datasets are built on first use.
 
@@ -65,11 +67,13 @@ class HandDataModule(lightning.LightningDataModule):
             workers: Loading processes; zero loads in the training process.
             augmentation: Applied to training batches on the training device; None turns it off.
             seed: Seed of the sample order and of the augmentation.
+            keep: Place of the samples of training and validation, a word of `PLACES`.
 
         Raises:
-            ValueError: The batch size is below 1, or the number of workers is negative.
+            ValueError: The batch size is below 1, the number of workers is negative, or the place is unknown.
         """
         super().__init__()
+        check_place(keep)
         if batch_size < 1 or workers < 0:
             raise ValueError(
                 f"batch_size={batch_size} must be at least 1 and workers={workers} at least 0."
@@ -79,8 +83,10 @@ class HandDataModule(lightning.LightningDataModule):
         self.workers = workers
         self.augmentation = augmentation
         self.seed = seed
+        self.keep = keep
         self._factories = {"train": train, "val": val, "test": test}
         self._datasets: dict[str, HandDataset] = {}
+        self._resident: dict[str, ResidentDataset] = {}
 
     @property
     def own_order(self) -> str | None:
@@ -226,7 +232,10 @@ class HandDataModule(lightning.LightningDataModule):
         sampler: EpochSampler | None = None,
         drop_last: bool = False,
     ) -> DataLoader[HandSample]:
-        dataset = self.dataset(split)
+        dataset = self.dataset(split) if split == "test" else self._where_kept(split)
+        # Nothing is left to be loaded where samples are in memory, and nothing to be pinned on a device.
+        place = dataset.device.type if isinstance(dataset, ResidentDataset) else None
+        workers = self.workers if place is None else 0
         loader: type[DataLoader[HandSample]] = DataLoader if sampler is None else ResumableLoader
         rank, processes = process_group.rank(), process_group.count()
         batches: dict[str, Any] = {
@@ -239,10 +248,23 @@ class HandDataModule(lightning.LightningDataModule):
         return loader(
             Batches(dataset) if isinstance(dataset, BatchedDataset) else dataset,  # type: ignore[arg-type]  # any sized, indexable object will do
             **batches,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
-            pin_memory=torch.cuda.is_available(),
+            num_workers=workers,
+            persistent_workers=workers > 0,
+            pin_memory=torch.cuda.is_available() and place in (None, "cpu"),
             collate_fn=stacked,
             worker_init_fn=limit_threads,
             generator=seeds if rank else None,
         )
+
+    def _where_kept(self, split: str) -> HandDataset:
+        """The dataset of a split, or its samples in memory, which are read once."""
+        if self.keep == "disk":
+            return self.dataset(split)
+        device = torch.device("cpu")
+        if self.keep == "device" and self.trainer is not None:
+            device = self.trainer.strategy.root_device
+        known = self._resident.get(split)
+        if known is None or known.device != device:
+            name = f"the {split} split of {self.name}"
+            self._resident[split] = ResidentDataset(self.dataset(split), device, name)
+        return self._resident[split]

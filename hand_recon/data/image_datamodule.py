@@ -34,6 +34,7 @@ class ImageDataModule(HandDataModule):
         workers: int = 0,
         augmentation: Augmentation | None = None,
         seed: int = 0,
+        keep: str = "disk",
         **recipe: Any,  # noqa: ANN401  # The recipe's other fields, which it checks.
     ) -> None:
         """Store the settings; files are read on first use.
@@ -47,6 +48,7 @@ class ImageDataModule(HandDataModule):
             workers: Loading processes.
             augmentation: Applied to training batches.
             seed: Seed of the sample order and of the augmentation.
+            keep: Place of the samples of training and validation: `disk`, `memory` or `device`.
             **recipe: Other fields of the recipe.
         """
         self.landmark_set = landmark_set or type(self).landmark_set
@@ -63,6 +65,7 @@ class ImageDataModule(HandDataModule):
             workers=workers,
             augmentation=augmentation,
             seed=seed,
+            keep=keep,
         )
 
     def dataset_with_surfaces(self, split: str) -> HandDataset:

@@ -143,6 +143,7 @@ class MixtureDataModule(HandDataModule):
         workers: int = 0,
         augmentation: Augmentation | None = None,
         seed: int = 0,
+        keep: str = "disk",
     ) -> None:
         """Store the settings.
 
@@ -156,6 +157,7 @@ class MixtureDataModule(HandDataModule):
             workers: Loading processes.
             augmentation: Applied to training batches of all parts.
             seed: Seed of the sample order and of the augmentation.
+            keep: Place of the samples of training and validation: `disk`, `memory` or `device`.
 
         Raises:
             ValueError: Names do not match, crops differ in size, weights or the epoch are empty, or a part
@@ -181,6 +183,7 @@ class MixtureDataModule(HandDataModule):
             workers=workers,
             augmentation=augmentation,
             seed=seed,
+            keep=keep,
         )
 
     def train_dataloader(self) -> DataLoader[HandSample]:

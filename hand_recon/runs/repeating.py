@@ -20,7 +20,10 @@ logger = logging.getLogger(__name__)
 REPEAT_FILE: Final = "repeat.json"
 """File of a repeated run: which one it repeats, what else was different, and whether the losses are."""
 
-BESIDE: Final = frozenset({"from_run", "allow_differences", "workers"})
+OF_THE_LOADER: Final = ("workers", "keep")
+"""Settings of loading on which no number depends."""
+
+BESIDE: Final = frozenset({"from_run", "allow_differences", *OF_THE_LOADER})
 """Settings that may be given beside `from_run`; folders may be, too."""
 
 
@@ -65,8 +68,9 @@ def settings_to_repeat(config: DictConfig) -> Repeat:
         repeated.paths = config.paths
         # A run that was interrupted and continued has the losses of one that was not.
         repeated.resume = repeated.from_run = None
-        if "workers" in _given():
-            repeated.workers = config.workers
+        for name in OF_THE_LOADER:
+            if name in _given():
+                repeated[name] = config[name]
         if known is not None:
             repeated.threads = known["hardware"]["threads"]
     use_cache(repeated, config.paths.cache)

@@ -37,9 +37,9 @@ MUST_MATCH: Final = (
 """Settings that a continued run shares with the run that it continues."""
 
 OF_THE_MACHINE: Final = frozenset(
-    {"cache_dir", "root", "eval_root", "workers", "render_workers", "weights"}
+    {"cache_dir", "root", "eval_root", "workers", "render_workers", "keep", "weights"}
 )
-"""Settings that may differ: paths of files and numbers of processes."""
+"""Settings that may differ: paths of files, numbers of processes and the place of the samples."""
 
 AUTO: Final = "auto"
 """Value of `resume` for the newest unfinished run of the same configuration."""

@@ -38,6 +38,7 @@ class SyntheticDataModule(HandDataModule):
         augmentation: Augmentation | None = None,
         seed: int = 0,
         data_seed: int = 0,
+        keep: str = "disk",
     ) -> None:
         """Configure the three splits; images are rendered when a split is first used.
 
@@ -58,6 +59,8 @@ class SyntheticDataModule(HandDataModule):
             augmentation: Augmentation of training batches.
             seed: Seed of the order of samples and of the augmentation.
             data_seed: Seed of the images, the same for all seeds of a study.
+            keep: Place of the samples of training and validation: `disk`, `memory` or `device`; but for
+                `disk`, a training begins when all images are rendered.
         """
         self.landmark_set = landmark_set
         self.name = "synthetic" if pictures else "views"
@@ -89,6 +92,7 @@ class SyntheticDataModule(HandDataModule):
             workers=workers,
             augmentation=augmentation,
             seed=seed,
+            keep=keep,
         )
 
     def _train_ahead(self) -> HandDataset:

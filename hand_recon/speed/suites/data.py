@@ -1,7 +1,7 @@
-"""Training images: synthetic hands are rendered, and crops read from the map or decoded from JPEG files."""
+"""Training images: hands are rendered; crops are decoded, read from the map, or picked in memory."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -9,12 +9,17 @@ from typing import Final
 
 import cv2
 import numpy as np
+import torch
 
+from hand_recon.data.annotated_dataset import AnnotatedImages, ImageRecipe
 from hand_recon.data.annotations import AnnotatedHands
 from hand_recon.data.crop import CropPolicy
 from hand_recon.data.crop_reader import CropReader, ReadingPolicy
+from hand_recon.data.dataset import load_batch
+from hand_recon.data.resident import ResidentDataset
 from hand_recon.data.synthetic.recipe import Recipe, level_named
 from hand_recon.data.synthetic.scene import synthetic_hand
+from hand_recon.schema import HandBatch
 from hand_recon.speed.measurement import Settings, Work, interleaved, ratios, spread
 from hand_recon.speed.rows import Row
 
@@ -37,6 +42,41 @@ def measure(settings: Settings) -> Iterator[Row]:
         for name, size in PHOTOGRAPHS.items():
             for side in sides:
                 yield _reading(Path(folder), name, size, side, settings)
+        for side in sides:
+            yield _picking(Path(folder), side, settings)
+
+
+def _picking(folder: Path, side: int, settings: Settings) -> Row:
+    """Whole batches with labels, in random order: picked in memory, and read from the map and stacked."""
+    name, size = next(iter(PHOTOGRAPHS.items()))
+    hands = photographs(folder / f"{size[0]}", size)
+    recipe = ImageRecipe(
+        CropPolicy(size=side, around="joints"), ReadingPolicy(cache_dir=folder / "cache")
+    )
+    dataset = AnnotatedImages(hands, None, recipe)
+    memory = ResidentDataset(dataset, torch.device("cpu"), "the benchmark")
+    picked = partial(_next_batch, memory.batch, len(dataset), count())
+    read = partial(_next_batch, partial(load_batch, dataset), len(dataset), count())
+    first, second = picked(), read()
+    times = interleaved({"memory": picked, "map": read}, settings)
+    return Row(
+        suite="data",
+        work=f"batches from memory, {name}",
+        size=f"{BATCH} samples of {side} px",
+        items=BATCH,
+        seconds=spread(times["memory"]),
+        reference="crops from the map, stacked with their labels",
+        reference_seconds=spread(times["map"]),
+        ratio=ratios(times["map"], times["memory"]),
+        difference=f"{int((first.image != second.image).sum())} pixels",
+    )
+
+
+def _next_batch(
+    read: Callable[[list[int]], HandBatch], size: int, numbers: Iterator[int]
+) -> HandBatch:
+    generator = torch.Generator().manual_seed(next(numbers))
+    return read(torch.randperm(size, generator=generator)[:BATCH].tolist())
 
 
 def _rendering(side: int, settings: Settings) -> Iterator[Row]:

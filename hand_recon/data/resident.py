@@ -1,0 +1,165 @@
+"""Dataset in memory: every sample is read once, and batches are picked on the device that holds them.
+
+A batch then costs one selection for each of its fields in place of one read for each of its samples, and
+nothing has to be copied to an accelerator.
+"""
+
+import logging
+from dataclasses import fields
+from typing import Any, Final
+
+import torch
+from torch import Tensor
+
+from hand_recon.data.dataset import BatchedDataset, HandDataset
+from hand_recon.data.free_memory import free_memory
+from hand_recon.data.progress import with_progress
+from hand_recon.schema import HandBatch, HandSample, collate
+
+logger = logging.getLogger(__name__)
+
+PLACES: Final = {
+    "disk": "read anew at each step, from the caches",
+    "memory": "read once into main memory",
+    "device": "read once into the memory of the training device",
+}
+"""Places of the samples of training and validation."""
+
+_AT_ONCE: Final = 256
+"""Samples that are read at once."""
+
+_IF_ALL: Final = ("intrinsics", "occluded")
+"""Fields that a batch has only if all of its samples have them; it has others if any has them."""
+_SHARE: Final = 0.8
+"""Largest share of the free memory that samples may take."""
+
+
+class ResidentDataset:
+    """All samples of a dataset in the memory of a device; its batches equal the dataset's, bit for bit.
+
+    A dataset whose own batches depend on which samples are together, as in the last digits of posed surfaces,
+    is read in batches of neighbours.
+    """
+
+    def __init__(self, dataset: HandDataset, device: torch.device, name: str) -> None:
+        """Read the whole dataset.
+
+        Args:
+            dataset: Dataset to read; a damaged image is replaced now as it would be at each step.
+            device: Device that holds the samples.
+            name: Name for messages.
+
+        Raises:
+            MemoryError: The device has too little memory left.
+        """
+        self.dataset = dataset
+        self.device = device
+        self._columns: dict[str, Tensor] = {}
+        self._present: dict[str, Tensor] = {}
+        self._sources: list[str] = []
+        chunks = torch.arange(len(dataset)).split(_AT_ONCE)
+        _check_room(dataset, device, name)
+        for chunk in with_progress(chunks, len(chunks), f"Reading {name} into memory"):
+            self._add(chunk)
+        size = sum(column.nbytes for column in self._columns.values())
+        logger.info(
+            "%d samples of %s are kept on %s: %.2f GB.", len(self), name, device, size / 1e9
+        )
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, index: int) -> HandSample:
+        """One sample, as the dataset reads it."""
+        return self.dataset[index]
+
+    def batch(self, indices: list[int], /) -> HandBatch:
+        """Several samples on the device.
+
+        Args:
+            indices: Positions in the dataset.
+        """
+        chosen = torch.tensor(indices)
+        there = self._on_device(chosen)
+        columns: dict[str, Any] = {
+            name: column[there]
+            for name, column in self._columns.items()
+            if self._is_in_batch(name, chosen)
+        }
+        return HandBatch(source=tuple(self._sources[index] for index in indices), **columns)
+
+    def _is_in_batch(self, name: str, chosen: Tensor) -> bool:
+        """True if `collate` would give these samples the field; the flags are in main memory."""
+        present = self._present[name][chosen]
+        return bool(present.all() if name in _IF_ALL else present.any())
+
+    def _on_device(self, index: Tensor) -> Tensor:
+        if self.device.type == "cuda":
+            return index.pin_memory().to(self.device, non_blocking=True)
+        return index.to(self.device)
+
+    def _add(self, chunk: Tensor) -> None:
+        """Read some samples that follow each other."""
+        pieces = self._pieces(chunk.tolist())
+        for piece in pieces:
+            self._sources += piece.source
+        for field in fields(HandBatch):
+            values = [getattr(piece, field.name) for piece in pieces]
+            like = next((value for value in values if isinstance(value, Tensor)), None)
+            if like is None:
+                continue
+            column = self._column(field.name, like)
+            missing = like.new_full(like.shape, _missing(like))
+            joined = torch.cat([missing if value is None else value for value in values])
+            column[chunk[0] : chunk[-1] + 1] = joined.to(self.device)
+            flags = torch.tensor([value is not None for value in values])
+            self._present[field.name][chunk] = flags.repeat_interleave(len(joined) // len(pieces))
+
+    def _pieces(self, indices: list[int]) -> list[HandBatch]:
+        """The samples as one batch if the dataset makes batches, else a batch for each with its fields."""
+        if isinstance(self.dataset, BatchedDataset):
+            return [self.dataset.batch(indices)]
+        return [collate([self.dataset[index]]) for index in indices]
+
+    def _column(self, name: str, like: Tensor) -> Tensor:
+        """Values of a field of all samples, and flags of those that have it."""
+        if name not in self._columns:
+            shape = (len(self), *like.shape[1:])
+            self._columns[name] = torch.full(
+                shape, _missing(like), dtype=like.dtype, device=self.device
+            )
+            self._present[name] = torch.zeros(len(self), dtype=torch.bool)
+        return self._columns[name]
+
+
+def _missing(like: Tensor) -> float:
+    """Value of a field where a sample lacks it: NaN, or zero for bytes and flags."""
+    return torch.nan if like.is_floating_point() else 0
+
+
+def _check_room(dataset: HandDataset, device: torch.device, name: str) -> None:
+    """Compare what all samples take, by the first one, with what is free.
+
+    Raises:
+        MemoryError: They take more.
+    """
+    sample, free = dataset[0], free_memory(device)
+    values = [getattr(sample, field.name) for field in fields(sample)]
+    needed = len(dataset) * sum(value.nbytes for value in values if isinstance(value, Tensor))
+    if free is not None and needed > _SHARE * free:
+        raise MemoryError(
+            f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}, and "
+            f"{free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set keep=disk"
+            f"{', or keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer samples."
+        )
+
+
+def check_place(keep: str) -> None:
+    """Refuse a word that is not in `PLACES`.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if keep not in PLACES:
+        choices = "; ".join(f"{name} ({meaning})" for name, meaning in PLACES.items())
+        raise ValueError(f"Found keep={keep}; expected one of {choices}.")
