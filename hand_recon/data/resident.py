@@ -82,7 +82,7 @@ class ResidentDataset:
         chosen = torch.tensor(indices)
         there = self._on_device(chosen)
         columns: dict[str, Any] = {
-            name: column[there]
+            name: column.index_select(0, there)
             for name, column in self._columns.items()
             if self._is_in_batch(name, chosen)
         }

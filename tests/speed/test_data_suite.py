@@ -21,6 +21,7 @@ def test_the_data_suite_renders_each_level_and_reads_equal_crops(
     assert [row.work for row in rows] == [
         "rendering, easy", "rendering, medium", "rendering, hard",
         "crops from the map, 224 × 224 photograph", "crops from the map, 640 × 480 photograph",
+        "batches from memory, 224 × 224 photograph",
     ]  # fmt: skip
     assert all(row.size == "64 px" for row in rows[:3])
     for row in rows[3:]:
