@@ -149,8 +149,8 @@ def _check_room(dataset: HandDataset, device: torch.device, name: str) -> None:
     if free is not None and needed > _SHARE * free:
         raise MemoryError(
             f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}, and "
-            f"{free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set keep=disk"
-            f"{', or keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer samples."
+            f"{free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set data.keep=disk"
+            f"{', or data.keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer samples."
         )
 
 
@@ -162,4 +162,4 @@ def check_place(keep: str) -> None:
     """
     if keep not in PLACES:
         choices = "; ".join(f"{name} ({meaning})" for name, meaning in PLACES.items())
-        raise ValueError(f"Found keep={keep}; expected one of {choices}.")
+        raise ValueError(f"Found data.keep={keep}; expected one of {choices}.")

@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 REPEAT_FILE: Final = "repeat.json"
 """File of a repeated run: which one it repeats, what else was different, and whether the losses are."""
 
-OF_THE_LOADER: Final = ("workers", "keep")
+OF_THE_LOADER: Final = ("workers", "data.keep")
 """Settings of loading on which no number depends."""
 
 BESIDE: Final = frozenset({"from_run", "allow_differences", *OF_THE_LOADER})
@@ -70,7 +70,7 @@ def settings_to_repeat(config: DictConfig) -> Repeat:
         repeated.resume = repeated.from_run = None
         for name in OF_THE_LOADER:
             if name in _given():
-                repeated[name] = config[name]
+                OmegaConf.update(repeated, name, OmegaConf.select(config, name))
         if known is not None:
             repeated.threads = known["hardware"]["threads"]
     use_cache(repeated, config.paths.cache)
