@@ -9,6 +9,7 @@ import pytest
 import yaml
 from omegaconf import DictConfig
 
+from hand_recon.runs import repeating as repeating_module
 from hand_recon.runs.provenance.record import read_provenance
 from hand_recon.runs.recorded_training import train_recorded
 from hand_recon.runs.repeating import Repeat, compare, settings_to_repeat
@@ -48,9 +49,12 @@ def test_a_run_has_its_provenance(run: Path) -> None:
     assert found["data"] == {}
 
 
-def test_a_repeated_run_is_the_same_bit_for_bit(run: Path, cache: Path, tmp_path: Path) -> None:
+def test_a_repeated_run_is_the_same_bit_for_bit_also_from_memory(
+    run: Path, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(repeating_module, "_given", lambda: {"from_run", "data.keep"})
     # The checkout may be changed by others while the tests run.
-    config = repeating(cache, tmp_path / "again", run, "allow_differences=true")
+    config = repeating(cache, tmp_path / "again", run, "allow_differences=true", "data.keep=memory")
     metrics = train_recorded(config)
     assert metrics["test"] == json.loads((run / "metrics.json").read_text())["test"]
     told = json.loads((tmp_path / "again" / "repeat.json").read_text())
@@ -59,6 +63,7 @@ def test_a_repeated_run_is_the_same_bit_for_bit(run: Path, cache: Path, tmp_path
     # Five steps of losses, a validation, the learning rates, and the test scores.
     assert told["values"] > 50
     assert (tmp_path / "again" / "checkpoints" / "best.ckpt").is_file()
+    assert "keep: memory" in (tmp_path / "again" / "config.yaml").read_text()
 
 
 def test_the_settings_are_the_runs_own_with_other_folders(
