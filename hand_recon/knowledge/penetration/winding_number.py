@@ -66,6 +66,26 @@ def _windings(
     lengths = _dot(rays, rays).sqrt()
     a, b, c = (rays.index_select(1, corner) for corner in faces.T)
     long_a, long_b, long_c = (lengths.index_select(0, corner) for corner in faces.T)
+    return turns(a, b, c, (long_a, long_b, long_c))
+
+
+def turns(
+    a: Float[Tensor, "3 face query"],
+    b: Float[Tensor, "3 face query"],
+    c: Float[Tensor, "3 face query"],
+    lengths: tuple[Tensor, Tensor, Tensor] | None = None,
+) -> Float[Tensor, " query"]:
+    """Sum of triangles' solid angles over 4π, from the rays to their corners.
+
+    A triangle whose corners are one point has a solid angle of zero.
+
+    Args:
+        a: Rays to the first corners.
+        b: Rays to the second corners.
+        c: Rays to the third corners.
+        lengths: Their lengths, where they are known.
+    """
+    long_a, long_b, long_c = lengths or tuple(_dot(ray, ray).sqrt() for ray in (a, b, c))
     volume = (b[1] * c[2] - b[2] * c[1]) * a[0]
     volume += (b[2] * c[0] - b[0] * c[2]) * a[1]
     volume += (b[0] * c[1] - b[1] * c[0]) * a[2]
