@@ -5,7 +5,7 @@ and a configuration names it as `+prior.<name>._target_=<your class>`.
 """
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -13,10 +13,14 @@ from torch import Tensor, nn
 from hand_recon.hand.model import HandModel
 from hand_recon.hand.skeleton import AXES
 from hand_recon.knowledge.functional_anatomy import FunctionalAnatomy
+from hand_recon.knowledge.penetration.fixed_size import FixedSizeNonPenetration
 from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.range_of_motion import range_of_motion_loss
 from hand_recon.knowledge.ranges import RangeOfMotion, load_ranges
 from hand_recon.schema import HandParameters
+
+SIZES: Final = ("auto", "by_pose", "fixed")
+"""Lengths of non-penetration's lists: `auto` is `fixed` on a CUDA GPU and `by_pose` elsewhere."""
 
 
 class Term(nn.Module, ABC):
@@ -101,6 +105,11 @@ class NonPenetrationTerm(Term):
         weight: λ₂, per metre (Sec. 4.1).
         tolerance: d_tol, metres.
         geodesic: Vertices nearer than this along the surface are neighbours, metres.
+        sizes: One of `SIZES`: lists as long as the poses ask for, which is fastest on a processor, or of a
+            fixed length, for which no GPU is waited for (decision 99). The value is the same.
+
+    Raises:
+        ValueError: `sizes` is unknown.
     """
 
     needs_vertices = True
@@ -112,9 +121,18 @@ class NonPenetrationTerm(Term):
         weight: float = 20_000.0,
         tolerance: float = 0.006,
         geodesic: float = 0.02,
+        sizes: str = "auto",
     ) -> None:
         super().__init__(hand, weight=weight)
-        self.non_penetration = NonPenetration(hand, geodesic=geodesic, tolerance=tolerance)
+        if sizes not in SIZES:
+            raise ValueError(f"Found sizes={sizes!r}; expected one of {', '.join(SIZES)}.")
+        self.non_penetration: NonPenetration
+        if sizes == "by_pose":
+            self.non_penetration = NonPenetration(hand, geodesic=geodesic, tolerance=tolerance)
+            return
+        self.non_penetration = FixedSizeNonPenetration(
+            hand, geodesic=geodesic, tolerance=tolerance, everywhere=sizes == "fixed"
+        )
 
     def forward(
         self, parameters: HandParameters, vertices: Float[Tensor, "*batch vertex 3"] | None
