@@ -150,7 +150,8 @@ def _check_room(dataset: HandDataset, device: torch.device, name: str) -> None:
         raise MemoryError(
             f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}, and "
             f"{free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set data.keep=disk"
-            f"{', or data.keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer samples."
+            f"{', or data.keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer "
+            "samples."
         )
 
 

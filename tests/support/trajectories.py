@@ -37,12 +37,12 @@ def moving_hand(hand: int = 1, side: Side = "right", clip: Clip | None = None) -
     phase = np.linspace(0.0, 2.0, clip.frames)[:, None, None]
     middle, swing = np.array([0.6, 0.0, 0.0]), np.array([0.7, 0.2, 0.1])
     angles = middle + swing * np.sin(phase + rng.uniform(0, 6, (15, 3)))
-    spin = Rotation.from_rotvec(
-        np.linspace(0.0, 8.0, clip.frames)[:, None] * np.array([0.3, 0.8, 0.52])
-    )
+    # Older SciPy takes no empty list of rotations.
+    turns = np.linspace(0.0, 8.0, max(clip.frames, 1))[:, None] * np.array([0.3, 0.8, 0.52])
+    spin = Rotation.from_rotvec(turns).as_matrix()[: clip.frames]
     path = np.array([0.05, -0.04, 0.6]) + phase[:, :, 0] * np.array([0.1, 0.05, -0.08])
     return Trajectory(
-        hand, side, frames, frames / clip.rate, angles, spin.as_matrix() @ FACING, path,
+        hand, side, frames, frames / clip.rate, angles, spin @ FACING, path,
         rng.normal(size=10), np.ones(clip.frames, dtype=bool),
     )  # fmt: skip
 
