@@ -33,8 +33,9 @@ def default_intrinsics(crop_size: int, like: Tensor) -> Float[Tensor, "3 3"]:
     """Camera matrix that is assumed for an uncalibrated crop, pixels of the crop."""
     focal = REFERENCE_FOCAL * crop_size / REFERENCE_SIZE
     centre = crop_size / 2
-    matrix = [[focal, 0.0, centre], [0.0, focal, centre], [0.0, 0.0, 1.0]]
-    return torch.tensor(matrix, dtype=like.dtype, device=like.device)
+    # Made where it is used: a copy would wait for everything that a GPU has to do before it.
+    f, c, zero, one = (like.new_full((), value) for value in (focal, centre, 0.0, 1.0))
+    return torch.stack([f, zero, c, zero, f, c, zero, zero, one]).view(3, 3)
 
 
 def project(

@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
+from hand_recon.data.draws import on_device_of
+
 SMALLEST_PATCH: Final = 0.08
 """Side of the smallest patch, as a share of the crop's."""
 
@@ -54,7 +56,7 @@ class Appearance:
             image: Crops before any other change, 0–1.
             generator: Source of the draws.
         """
-        draws = torch.rand(len(image), 1, 1, 1, generator=generator).to(image)
+        draws = on_device_of(torch.rand(len(image), 1, 1, 1, generator=generator), image)
         black = (image.sum(dim=1, keepdim=True) == 0) & (draws < self.outside)
         other = image.roll(1, dims=0)
         mean = other.mean(dim=(2, 3), keepdim=True)
@@ -72,7 +74,7 @@ class Appearance:
             generator: Source of the draws, on the CPU so that most are the same on every device.
         """
         count = len(image)
-        draws = torch.rand(4, count, 1, 1, 1, generator=generator).to(image)
+        draws = on_device_of(torch.rand(4, count, 1, 1, 1, generator=generator), image)
         small = functional.avg_pool2d(image, 2)
         blurred = functional.interpolate(small, image.shape[-2:], mode="bilinear")
         image = torch.where(draws[0] < self.blur, blurred, image)
@@ -81,13 +83,13 @@ class Appearance:
         mean = image.mean(dim=(1, 2, 3), keepdim=True)
         image = image + (image - mean) * (self.contrast * (2 * draws[2] - 1))
         if self.noise:
-            noise = torch.randn(image.shape, generator=generator).to(image)
+            noise = on_device_of(torch.randn(image.shape, generator=generator), image)
             image = image + self.noise * draws[3] * noise
         return self._with_patches(image, generator).clamp_(0, 1)
 
     def _with_patches(self, image: Tensor, generator: torch.Generator | None) -> Tensor:
         count, size = len(image), image.shape[-1]
-        draws = torch.rand(count, 9, generator=generator).to(image)
+        draws = on_device_of(torch.rand(count, 9, generator=generator), image)
         sides = SMALLEST_PATCH + (self.patch_side - SMALLEST_PATCH) * draws[:, :2]
         inside = _rectangle(draws[:, 2:4] * (1 - sides), sides, size)
         chosen = (draws[:, 4] < self.patches)[:, None, None, None]

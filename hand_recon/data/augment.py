@@ -12,6 +12,7 @@ from torch import Tensor
 
 from hand_recon.camera import move_pixels, move_points
 from hand_recon.data.appearance import Appearance
+from hand_recon.data.draws import on_device_of
 from hand_recon.schema import CropMotion, HandBatch
 
 
@@ -67,16 +68,16 @@ class Augmentation:
         motion = self.draw_motion(len(batch), batch.crop_size, generator)
         motion = replace(
             motion,
-            pixels=motion.pixels.to(batch.landmarks_2d),
-            camera=motion.camera.to(batch.landmarks_2d),
-            scale=motion.scale.to(batch.landmarks_2d),
+            pixels=on_device_of(motion.pixels, batch.landmarks_2d),
+            camera=on_device_of(motion.camera, batch.landmarks_2d),
+            scale=on_device_of(motion.scale, batch.landmarks_2d),
         )
         batch = to_float(batch)
         appearance = self.appearance if batch.image.numel() else None
         if appearance is not None:
             batch = replace(batch, image=appearance.fill_outside(batch.image, generator))
         moved = move(batch, motion)
-        gain = self._draw_gain(len(batch), generator).to(moved.image)
+        gain = on_device_of(self._draw_gain(len(batch), generator), moved.image)
         image = moved.image.mul_(gain).clamp_(0, 1)
         return replace(moved, image=image if appearance is None else appearance(image, generator))
 

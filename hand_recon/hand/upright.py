@@ -4,6 +4,8 @@ Rotation and scale of the image are removed before lifting, so that the lifter n
 transform can be inverted, so no information is lost.
 """
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -14,9 +16,24 @@ from hand_recon.schema import CropMotion
 FILL = 0.7
 """Side of the landmarks' bounding square in the new crop, as a share of the crop's."""
 
-_KNUCKLES = tuple(i for i, name in enumerate(LANDMARKS) if name.endswith("MCP") and i > 4)
-_BEYOND = tuple(i for i, name in enumerate(LANDMARKS) if i > 4 and not name.endswith("MCP"))
-_WRIST = (LANDMARKS.index("wrist"),)
+# Slices, since a list of indices would be copied to a GPU, and waited for, at each use.
+_FINGERS = slice(LANDMARKS.index("index MCP"), len(LANDMARKS))
+
+
+def _wrist(values: Tensor) -> Tensor:
+    """The wrist's row of an array with a row for each landmark."""
+    start = LANDMARKS.index("wrist")
+    return values[:, start : start + 1]
+
+
+def _knuckles(values: Tensor) -> Tensor:
+    """The rows of the four fingers' MCPs."""
+    return values[:, _FINGERS].unflatten(1, (4, 4))[:, :, 0]
+
+
+def _beyond(values: Tensor) -> Tensor:
+    """The rows of the landmarks beyond these, finger by finger."""
+    return values[:, _FINGERS].unflatten(1, (4, 4))[:, :, 1:].flatten(1, 2)
 
 
 def upright_motion(
@@ -53,18 +70,19 @@ def upright_motion(
 
 def _direction_up(points: Tensor, labelled: Tensor) -> Float[Tensor, "batch 2"]:
     """Unit direction of the fingers in the image; upwards (0, −1) where it is unknown."""
-    up = points.new_tensor([0.0, -1.0]).expand(points.shape[0], 2)
-    for start, end in ((_KNUCKLES, _BEYOND), (_WRIST, _KNUCKLES)):
-        known = labelled[:, start].any(dim=1) & labelled[:, end].any(dim=1)
+    zero = torch.zeros_like(points[:, 0, :1])
+    up = torch.cat([zero, zero - 1], dim=-1)
+    for start, end in ((_knuckles, _beyond), (_wrist, _knuckles)):
+        known = start(labelled).any(dim=1) & end(labelled).any(dim=1)
         ahead = _mean(points, labelled, end) - _mean(points, labelled, start)
         known = known & (ahead.norm(dim=-1) > 0)
         up = torch.where(known[:, None], ahead, up)
     return torch.nn.functional.normalize(up, dim=-1)
 
 
-def _mean(points: Tensor, labelled: Tensor, which: tuple[int, ...]) -> Tensor:
-    count = labelled[:, which].sum(dim=1, keepdim=True).clamp(min=1)
-    return points[:, which].sum(dim=1) / count
+def _mean(points: Tensor, labelled: Tensor, rows: Callable[[Tensor], Tensor]) -> Tensor:
+    count = rows(labelled).sum(dim=1, keepdim=True).clamp(min=1)
+    return rows(points).sum(dim=1) / count
 
 
 def _camera_roll(up: Float[Tensor, "batch 2"]) -> Float[Tensor, "batch 3 3"]:

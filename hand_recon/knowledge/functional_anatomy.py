@@ -25,15 +25,13 @@ RELEASE_LIMIT: Final = math.radians(70)
 """Flexion at which the released code, linearly, leaves no splay, radians."""
 
 _BEND, _SPLAY = AXES.index("bend"), AXES.index("splay")
+# Slices, since a list of indices would be copied to a GPU, and waited for, at each use.
 _MCP, _PIP, _DIP = (
-    [
-        index
-        for index, joint in enumerate(ARTICULATED)
-        if joint.endswith(level) and not joint.startswith("thumb")
-    ]
+    slice(ARTICULATED.index(f"index {level}"), ARTICULATED.index("thumb CMC"), 3)
     for level in ("MCP", "PIP", "DIP")
 )
-_CMC: Final = [ARTICULATED.index("thumb CMC")]
+"""A joint of each of the four fingers, which have three each."""
+_CMC: Final = slice(ARTICULATED.index("thumb CMC"), ARTICULATED.index("thumb CMC") + 1)
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ class FunctionalAnatomy:
         refined: RangeOfMotion,
         base: RangeOfMotion,
         inside: Float[Tensor, "*batch joint=15 axis=3"],
-        rule: tuple[list[int], int, int],
+        rule: tuple[slice, int, int],
     ) -> None:
         """Scale the bounds of one axis of some joints by the shares that another axis leaves; in place."""
         joints, driver, driven = rule
