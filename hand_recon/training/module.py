@@ -14,13 +14,14 @@ from hand_recon.camera import REFERENCE_SIZE
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.evaluation.hand_scores import Scores
 from hand_recon.knowledge.adversarial import AdversarialTerm, Adversary
+from hand_recon.knowledge.penetration.places import warn_of_left_out
 from hand_recon.knowledge.prior import Prior
 from hand_recon.processes import process_group
 from hand_recon.regressor.error_feedback import Regressor
 from hand_recon.schema import HandBatch, HandPrediction
 from hand_recon.training.epoch_losses import LOSSES
 from hand_recon.training.mean_losses import MeanLosses
-from hand_recon.training.non_finite import refuse_non_finite
+from hand_recon.training.non_finite import LossGuard
 from hand_recon.training.supervision import Landmarks3D
 from hand_recon.uncertainty import DataTerm
 
@@ -87,6 +88,7 @@ class HandReconstruction(lightning.LightningModule):
         self.scheduler = scheduler
         self.supervision = supervision
         self.located_weight = located_weight
+        self.guard = LossGuard()
         self.validation = scores()
         self._validation_losses = MeanLosses()
         self.test = scores()
@@ -166,7 +168,7 @@ class HandReconstruction(lightning.LightningModule):
         """One step of Sec. 3.4; every loss, detached, is for callbacks.
 
         Raises:
-            NonFiniteLossError: The loss is not finite.
+            NonFiniteLossError: The loss is not finite; on a GPU, that of the step before.
         """
         prediction = self(batch)
         if self._stage_begins():
@@ -176,9 +178,18 @@ class HandReconstruction(lightning.LightningModule):
         # Before the losses: between a generator loss and its gradient, the weights of D must not change.
         learnt = self._train_adversary(prediction)
         losses = self.losses(batch, prediction) | learnt
-        refuse_non_finite(losses, batch, self.global_step)
+        self.guard.watch(losses, batch, self.global_step)
         detached = {name: value.detach() for name, value in losses.items()}
         return {"loss": losses["loss"], LOSSES: detached}
+
+    def on_train_epoch_end(self) -> None:
+        """Check the last loss, and say what non-penetration had no place for (decision 99)."""
+        self.guard.settle()
+        warn_of_left_out(self.prior)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Check the last loss, so that no weights are saved that it has changed to no numbers."""
+        self.guard.settle()
 
     def _train_adversary(self, prediction: HandPrediction) -> dict[str, Tensor]:
         """One step of the discriminator, where there is one; its loss by name."""

@@ -6,7 +6,7 @@ against the prior (all of it with `keep_balance`). An untrained σ would make it
 """
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import torch
 from jaxtyping import Bool, Float
@@ -112,13 +112,20 @@ class Staged(DataTerm):
         self.learns_sigma = second.learns_sigma
         self.running = RunningResidual()
         self.keep_balance = keep_balance
+        # The stage is asked for in every step, and a device would have to be waited for.
+        self._stage = 0
         self.register_buffer("switched", torch.tensor(False))
         self.register_buffer("factor", torch.tensor(1.0))
 
     @property
     def stage(self) -> int:
         """0 before the switch, 1 after it."""
-        return int(self.switched)
+        return self._stage
+
+    def _load_from_state_dict(self, *arguments: Any, **named: Any) -> None:  # noqa: ANN401
+        """Take the stage of a checkpoint with the rest."""
+        super()._load_from_state_dict(*arguments, **named)
+        self._stage = int(self.switched)
 
     def begin(self, *, step: int, epoch: int, total_steps: int) -> bool:
         """Switch to the second stage if its time has come; called before every training step.
@@ -137,6 +144,7 @@ class Staged(DataTerm):
         if self.stage == 1 or not self._due(step, epoch, total_steps):
             return False
         self.switched.fill_(True)
+        self._stage = 1
         start = self.running_log_sigma()
         self.second.start(start)
         if self.keep_balance:

@@ -20,7 +20,7 @@ from hand_recon.runs.offending_batch import save_batch
 from hand_recon.runs.resuming import Earlier, adopt, earlier_run, last_whole, repeat_metrics
 from hand_recon.runs.unfinished import finish, mark_unfinished
 from hand_recon.runs.unfinished_runs import newest_unfinished, training_settings
-from hand_recon.training.non_finite import NonFiniteLossError, refuse_non_finite
+from hand_recon.training.non_finite import LossGuard, NonFiniteLossError
 from tests.support.configurations import settings
 from tests.support.views import known_hands, views
 
@@ -175,7 +175,7 @@ def test_a_batch_that_is_no_number_is_saved(tmp_path: Path, hand: HandModel) -> 
     hands = replace(hands, landmarks_2d=hands.landmarks_2d.clone())
     hands.landmarks_2d[0, 3] = torch.inf
     with pytest.raises(NonFiniteLossError, match="not finite at step 7") as refused:
-        refuse_non_finite({"loss": torch.tensor(torch.nan)}, hands, 7)
+        LossGuard().watch({"loss": torch.tensor(torch.nan)}, hands, 7)
     saved = torch.load(save_batch(refused.value, tmp_path), weights_only=True)
     assert saved["step"] == 7
     assert torch.equal(saved["landmarks_2d"].nan_to_num(), hands.landmarks_2d.nan_to_num())
