@@ -53,19 +53,18 @@ class WholeBatch(NonPenetration):
 
 
 def non_penetration(hand: HandModel, *, on_gpu: bool) -> NonPenetration:
-    """Eq. 4 with the paper's numbers (conf/prior/full.yaml), arranged for a device."""
+    """Eq. 4 with the paper's numbers (conf/prior/full.yaml), as scores need it, arranged for a device."""
     if on_gpu:
         return WholeBatch(hand, geodesic=0.02, tolerance=0.006, at_once=SOLID_ANGLES)
     return NonPenetration(hand, geodesic=0.02, tolerance=0.006)
 
 
-def prior_of_row(row: int, hand: HandModel, *, on_gpu: bool = False) -> Prior:
-    """Prior of a row of Table 1 (conf/prior).
+def prior_of_row(row: int, hand: HandModel) -> Prior:
+    """Prior of a row of Table 1 (conf/prior); on a GPU, nothing in it waits for the device (decision 99).
 
     Args:
         row: 1 to 5.
         hand: The hand model.
-        on_gpu: Whether non-penetration is arranged for a GPU.
 
     Raises:
         ValueError: There is no such row.
@@ -85,9 +84,9 @@ def prior_of_row(row: int, hand: HandModel, *, on_gpu: bool = False) -> Prior:
             hand, weight=20_000.0, ranges="literature", anatomy=anatomy if row >= 3 else None
         )
     if row >= 4:
-        term = NonPenetrationTerm(hand, weight=20_000.0, tolerance=0.006, geodesic=0.02)
-        term.non_penetration = non_penetration(hand, on_gpu=on_gpu)
-        terms["non_penetration"] = term
+        terms["non_penetration"] = NonPenetrationTerm(
+            hand, weight=20_000.0, tolerance=0.006, geodesic=0.02, sizes="auto"
+        )
     terms["shape"] = ShapeTerm(hand, weight=10.0)
     return Prior(terms)
 
@@ -139,12 +138,12 @@ def module_of_row(
         row: 1 to 5.
         network: The network, on the CPU.
         learning_rate: Highest learning rate of AdamW, which updates all weights in one kernel.
-        on_gpu: Whether non-penetration is arranged for a GPU.
+        on_gpu: Whether the scores' non-penetration is arranged for a GPU.
     """
     penetration = non_penetration(network.hand, on_gpu=on_gpu)
     return HandReconstruction(
         network,
-        prior_of_row(row, network.hand, on_gpu=on_gpu),
+        prior_of_row(row, network.hand),
         data_term_of_row(row),
         scores=partial(Scores, load_ranges("literature"), penetration),
         optimizer=partial(

@@ -14,8 +14,10 @@ from torch import Tensor, nn
 from gpu.resident import ResidentHands
 from gpu.rows import CLIP
 from hand_recon.data.augment import Augmentation
+from hand_recon.knowledge.penetration.places import warn_of_left_out
 from hand_recon.schema import HandBatch
 from hand_recon.training.module import HandReconstruction, reference_residual
+from hand_recon.training.non_finite import Arriving
 
 UNCOUNTED: Final = 10
 """First steps, which are not counted in the speed."""
@@ -159,7 +161,7 @@ class _Row:
         self.highest = float(self.optimizer.param_groups[0]["lr"])
         self.began = self.counted_from = self.told = time.monotonic()
         self.steps = 0
-        self.waiting: tuple[dict[str, Tensor], HandBatch] | None = None
+        self.waiting: tuple[dict[str, Tensor], HandBatch, Arriving] | None = None
         self.curve: list[dict[str, float]] = []
 
     def share(self, step: int) -> float:
@@ -178,7 +180,7 @@ class _Row:
     def step(self, step: int, batch: HandBatch) -> None:
         """Take a step, and check the loss of the step before it.
 
-        A step later, the device has computed it anyway, and needs not be waited for.
+        It was copied while the device went on, so that nothing waits for this step.
         """
         module, share = self.module, self.share(step)
         batch = augmented(batch, self.augmentation, seed_of(self.plan.seed, step))
@@ -197,7 +199,8 @@ class _Row:
         nn.utils.clip_grad_norm_(self.learning, CLIP)
         self.optimizer.step()
         self._check()
-        self.waiting = {name: value.detach() for name, value in losses.items()}, batch
+        detached = {name: value.detach() for name, value in losses.items()}
+        self.waiting = detached, batch, Arriving(torch.isfinite(detached["loss"]))
         self.steps = step + 1
         self._tell(share)
 
@@ -209,6 +212,7 @@ class _Row:
         """
         self._check()
         _finish_work(self.module.device)
+        warn_of_left_out(self.module.prior)
         now = time.monotonic()
         counted = self.steps - UNCOUNTED if self.steps > UNCOUNTED else self.steps
         counted_from = self.counted_from if self.steps > UNCOUNTED else self.began
@@ -230,8 +234,8 @@ class _Row:
         """Refuse a loss that is not finite."""
         if self.waiting is None:
             return
-        losses, batch = self.waiting
-        if not math.isfinite(float(losses["loss"])):
+        losses, batch, finite = self.waiting
+        if not finite.read():
             values = {name: float(value) for name, value in losses.items()}
             raise FloatingPointError(
                 f"The loss is not finite at step {self.steps - 1}: {values}. The batch held "

@@ -1,4 +1,4 @@
-"""Lists of fixed length for non-penetration on a GPU, and the count of what they have no place for.
+"""Lists of fixed length for non-penetration on a GPU, and the number of vertices that had no place.
 
 The poses decide how many vertices are near another part. A list whose length depends on them has to be
 waited for; here its length depends on the number of hands, and places may stay empty (decision 99).
@@ -126,11 +126,11 @@ class LeftOut(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         # No buffer: training in several processes gives all of them the buffers of the first.
-        self.counts = torch.zeros(len(LISTS) + 1, dtype=torch.int64)
+        self._counts = torch.zeros(len(LISTS) + 1, dtype=torch.int64)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Move the counter with the module."""
-        self.counts = fn(self.counts)
+        self._counts = fn(self._counts)
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
         return self
 
@@ -141,16 +141,16 @@ class LeftOut(nn.Module):
             counts: What had no place in each of `LISTS`.
             hands: Number of hands of the batch.
         """
-        self.counts[:-1].add_(torch.stack(counts))
-        self.counts[-1].add_(hands)
+        self._counts[:-1].add_(torch.stack(counts))
+        self._counts[-1].add_(hands)
 
     def take(self) -> tuple[dict[str, int], int]:
-        """What had no place since the last call, by list, and the number of hands; waits for the device.
+        """Numbers without a place since the last call, by list, and of hands; waits for the device.
 
         Both are sums over all processes that train together, and all have to call it.
         """
-        *counts, hands = process_group.summed(self.counts).tolist()
-        self.counts.zero_()
+        *counts, hands = process_group.summed(self._counts).tolist()
+        self._counts.zero_()
         return dict(zip(LISTS, counts, strict=True)), hands
 
 

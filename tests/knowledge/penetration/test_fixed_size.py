@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch._subclasses.fake_tensor import DynamicOutputShapeException, FakeTensorMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
@@ -299,6 +300,20 @@ def test_on_a_processor_auto_is_by_pose_bit_for_bit(hand: HandModel) -> None:
         NonPenetrationTerm(hand, sizes="large")
 
 
+def test_on_a_gpu_auto_is_fixed(hand: HandModel) -> None:
+    """A simulated GPU, which refuses lists whose length depends on values."""
+    terms = {sizes: NonPenetrationTerm(hand, sizes=sizes) for sizes in ("auto", "by_pose")}
+    with FakeTensorMode():
+        vertices = torch.empty(3, 778, 3, device="cuda", requires_grad=True)
+        for sizes, term in terms.items():
+            term._apply(lambda one: torch.empty(one.shape, dtype=one.dtype, device="cuda"))  # type: ignore[no-untyped-call]
+            if sizes == "by_pose":
+                with pytest.raises(DynamicOutputShapeException):
+                    term.non_penetration(vertices)
+            else:
+                assert term.non_penetration(vertices).device.type == "cuda"
+
+
 def test_lists_without_places_are_refused() -> None:
     with pytest.raises(ValueError, match="expected at least one place in each list"):
         Places(inside=0)
@@ -309,6 +324,7 @@ def test_nothing_of_it_is_saved_and_all_of_it_moves(hand: HandModel) -> None:
     assert physics.state_dict() == {}
     physics.to("meta")
     assert {buffer.device.type for buffer in physics.buffers()} == {"meta"}
-    # Several processes would all be given the first one's count, if it were a buffer.
-    assert physics.left_out.counts.device.type == "meta"
+    # The counter moves, too, but is no buffer: several processes would all be given the first one's.
     assert list(physics.left_out.buffers()) == []
+    with pytest.raises((NotImplementedError, RuntimeError), match="meta"):
+        physics.left_out.take()
