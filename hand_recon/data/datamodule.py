@@ -173,6 +173,13 @@ class HandDataModule(lightning.LightningDataModule):
         """Test batches in order."""
         return self.test_dataloader()
 
+    def transfer_batch_to_device(
+        self, batch: HandBatch, device: torch.device, dataloader_idx: int
+    ) -> HandBatch:
+        """Copy a batch to a device; from page-locked memory, a GPU is not waited for."""
+        del dataloader_idx
+        return batch.to(device, non_blocking=device.type == "cuda")
+
     def on_after_batch_transfer(self, batch: HandBatch, dataloader_idx: int) -> HandBatch:
         """Convert the image to floats 0–1 and, in training, augment on the training device."""
         del dataloader_idx

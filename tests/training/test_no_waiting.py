@@ -1,17 +1,24 @@
 """A training step in which the processor never waits for a GPU, shown on a device without values."""
 
 import contextlib
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
 from torch import nn
+from torch._subclasses.fake_tensor import FakeTensorMode
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from gpu.rows import photo_augmentation
+from hand_recon.data.datamodule import HandDataModule
+from hand_recon.data.dataset import load_batch
 from hand_recon.hand.open_hand import open_hand
 from hand_recon.runs.configuration import build_prior
 from hand_recon.training.module import HandReconstruction
 from hand_recon.training.non_finite import LossGuard
 from tests.support.configurations import composed
+from tests.support.numbered_hands import NumberedHands
 from tests.support.resident_hands import module_of, resident
 from tests.support.without_values import META, nothing_is_copied
 
@@ -62,6 +69,38 @@ def test_by_pose_the_same_step_waits(monkeypatch: pytest.MonkeyPatch) -> None:
         batch = photo_augmentation()(batch)
     with pytest.raises((NotImplementedError, RuntimeError), match="meta"):
         module.training_step(batch, 0)
+
+
+class Copies(TorchDispatchMode):
+    """Records for every copy between devices if it is waited for."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self.waited_for: list[bool] = []
+
+    def __torch_dispatch__(
+        self,
+        func: Callable[..., Any],
+        types: object,
+        args: tuple[Any, ...] = (),
+        kwargs: dict[str, Any] | None = None,
+    ) -> Any:  # noqa: ANN401
+        """Run an operation and record it if it is a copy."""
+        if func is torch.ops.aten._to_copy.default:
+            self.waited_for.append(not (kwargs or {}).get("non_blocking", False))
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize(("device", "waits"), [("cuda", False), ("meta", True)])
+def test_batches_go_to_a_gpu_without_waiting(device: str, waits: bool) -> None:
+    """A simulated GPU; elsewhere, nothing promises that memory stays as it is until it is copied."""
+    data = HandDataModule(*[lambda: NumberedHands(4)] * 3, crop_size=16, batch_size=4)
+    batch = load_batch(NumberedHands(4), [0, 1])
+    with FakeTensorMode(allow_non_fake_inputs=True), Copies() as copies:
+        moved = data.transfer_batch_to_device(batch, torch.device(device), 0)
+    assert moved.image.device.type == device
+    assert len(copies.waited_for) >= 4
+    assert set(copies.waited_for) == {waits}
 
 
 def test_copies_and_values_are_errors_on_this_device() -> None:
