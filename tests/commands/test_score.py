@@ -155,9 +155,9 @@ def test_a_test_set_is_submitted(
 def test_the_command_line_leaves_one_folder(hand: HandModel, tmp_path: Path) -> None:
     ground_truth = true_hands(hand, 3)
     arguments = files(tmp_path / "files", "freihand", ground_truth, ground_truth)
-    command = [sys.executable, "-m", "hand_recon.evaluate", *arguments, "threads=1"]
+    command = [sys.executable, "-m", "hand_recon.score", *arguments, "threads=1"]
     done = subprocess.run(command, check=True, cwd=tmp_path, capture_output=True, text=True)  # noqa: S603
     assert "xyz_al_mean3d: 0.00" in done.stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == ["files", "outputs"]
-    scores: list[Any] = list(tmp_path.glob("outputs/evaluate/*/scores.json"))
+    scores: list[Any] = list(tmp_path.glob("outputs/score/*/scores.json"))
     assert len(scores) == 1
