@@ -14,11 +14,15 @@ from gpu.rows import photo_augmentation
 from hand_recon.data.datamodule import HandDataModule
 from hand_recon.data.dataset import load_batch
 from hand_recon.hand.open_hand import open_hand
+from hand_recon.knowledge.penetration.fixed_size import FixedSizeNonPenetration
+from hand_recon.knowledge.penetration.places import Places
+from hand_recon.knowledge.terms import NonPenetrationTerm
 from hand_recon.runs.configuration import build_prior
 from hand_recon.training.module import HandReconstruction
 from hand_recon.training.non_finite import LossGuard
 from tests.support.configurations import composed
 from tests.support.numbered_hands import NumberedHands
+from tests.support.random_surfaces import random_vertices
 from tests.support.resident_hands import module_of, resident
 from tests.support.without_values import META, nothing_is_copied
 
@@ -33,7 +37,7 @@ def module_for_photos(stage: int) -> HandReconstruction:
     return module.to(META)
 
 
-@pytest.mark.parametrize("stage", [0, 1])
+@pytest.mark.parametrize("stage", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_step_reads_no_value_and_copies_nothing(
     monkeypatch: pytest.MonkeyPatch, stage: int
 ) -> None:
@@ -69,6 +73,22 @@ def test_by_pose_the_same_step_waits(monkeypatch: pytest.MonkeyPatch) -> None:
         batch = photo_augmentation()(batch)
     with pytest.raises((NotImplementedError, RuntimeError), match="meta"):
         module.training_step(batch, 0)
+
+
+def test_the_end_of_an_epoch_says_what_had_no_place(caplog: pytest.LogCaptureFixture) -> None:
+    """Validation, which has no gradients, counts, too."""
+    module, hand = module_of(5), open_hand()
+    term = NonPenetrationTerm(hand, sizes="fixed")
+    assert isinstance(term.non_penetration, FixedSizeNonPenetration)
+    term.non_penetration.places = Places(inside=1, spare=0)
+    module.prior.terms["non_penetration"] = term
+    crossed = random_vertices(hand, 2, spread=0.8)
+    term.non_penetration(crossed.requires_grad_()).sum().backward()
+    with torch.inference_mode():
+        term.non_penetration(crossed)
+    module.on_train_epoch_end()
+    assert "left out the least deep" in caplog.text
+    assert "of 4 hands" in caplog.text
 
 
 class Copies(TorchDispatchMode):
