@@ -264,14 +264,20 @@ class HandDataModule(lightning.LightningDataModule):
         )
 
     def _where_kept(self, split: str) -> HandDataset:
-        """The dataset of a split, or its samples in memory, which are read once."""
+        """The dataset of a split, or its samples in memory (without a trainer: main memory), read once."""
         if self.keep == "disk":
             return self.dataset(split)
-        device = torch.device("cpu")
-        if self.keep == "device" and self.trainer is not None:
-            device = self.trainer.strategy.root_device
-        known = self._resident.get(split)
-        if known is None or known.device != device:
+        device, processes = torch.device("cpu"), 1
+        if self.trainer is not None:
+            processes = self.trainer.num_devices
+            if self.keep == "device":
+                device = self.trainer.strategy.root_device
+        if split in self._resident and self._resident[split].device != device:
+            # Given up before the new one takes its place.
+            del self._resident[split]
+        if split not in self._resident:
             name = f"the {split} split of {self.name}"
-            self._resident[split] = ResidentDataset(self.dataset(split), device, name)
+            self._resident[split] = ResidentDataset(
+                self.dataset(split), device, name, processes=processes
+            )
         return self._resident[split]

@@ -35,19 +35,22 @@ _SHARE: Final = 0.8
 
 
 class ResidentDataset:
-    """All samples of a dataset in the memory of a device; its batches equal the dataset's, bit for bit.
+    """All samples of a dataset in the memory of a device; its batches equal the dataset's.
 
-    A dataset whose own batches depend on which samples are together, as in the last digits of posed surfaces,
-    is read in batches of neighbours.
+    They do so bit for bit, but for posed surfaces, whose last digits depend on the hands that are posed
+    together: here each is posed alone.
     """
 
-    def __init__(self, dataset: HandDataset, device: torch.device, name: str) -> None:
+    def __init__(
+        self, dataset: HandDataset, device: torch.device, name: str, *, processes: int = 1
+    ) -> None:
         """Read the whole dataset.
 
         Args:
             dataset: Dataset to read; a damaged image is replaced now as it would be at each step.
             device: Device that holds the samples.
             name: Name for messages.
+            processes: Number of processes of this machine that each read the whole dataset.
 
         Raises:
             MemoryError: The device has too little memory left.
@@ -58,7 +61,7 @@ class ResidentDataset:
         self._present: dict[str, Tensor] = {}
         self._sources: list[str] = []
         chunks = torch.arange(len(dataset)).split(_AT_ONCE)
-        _check_room(dataset, device, name)
+        _check_room(dataset, device, name, processes)
         for chunk in with_progress(chunks, len(chunks), f"Reading {name} into memory"):
             self._add(chunk)
         size = sum(column.nbytes for column in self._columns.values())
@@ -113,12 +116,12 @@ class ResidentDataset:
             joined = torch.cat([missing if value is None else value for value in values])
             column[chunk[0] : chunk[-1] + 1] = joined.to(self.device)
             flags = torch.tensor([value is not None for value in values])
-            self._present[field.name][chunk] = flags.repeat_interleave(len(joined) // len(pieces))
+            self._present[field.name][chunk] = flags
 
     def _pieces(self, indices: list[int]) -> list[HandBatch]:
-        """The samples as one batch if the dataset makes batches, else a batch for each with its fields."""
+        """Each sample as a batch of one, with the fields that it has itself."""
         if isinstance(self.dataset, BatchedDataset):
-            return [self.dataset.batch(indices)]
+            return [self.dataset.batch([index]) for index in indices]
         return [collate([self.dataset[index]]) for index in indices]
 
     def _column(self, name: str, like: Tensor) -> Tensor:
@@ -137,7 +140,7 @@ def _missing(like: Tensor) -> float:
     return torch.nan if like.is_floating_point() else 0
 
 
-def _check_room(dataset: HandDataset, device: torch.device, name: str) -> None:
+def _check_room(dataset: HandDataset, device: torch.device, name: str, processes: int) -> None:
     """Compare what all samples take, by the first one, with what is free.
 
     Raises:
@@ -146,12 +149,16 @@ def _check_room(dataset: HandDataset, device: torch.device, name: str) -> None:
     sample, free = dataset[0], free_memory(device)
     values = [getattr(sample, field.name) for field in fields(sample)]
     needed = len(dataset) * sum(value.nbytes for value in values if isinstance(value, Tensor))
-    if free is not None and needed > _SHARE * free:
+    together, of = needed, ""
+    if device.type == "cpu":
+        # Processes share the memory of their machine; each has a GPU of its own.
+        together, of = needed * processes, f", in each of {processes} processes" * (processes > 1)
+    if free is not None and together > _SHARE * free:
+        other = "" if device.type == "cpu" else ", or data.keep=memory"
         raise MemoryError(
-            f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}, and "
-            f"{free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set data.keep=disk"
-            f"{', or data.keep=memory' if device.type != 'cpu' else ''}, a smaller crop_size, or fewer "
-            "samples."
+            f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}{of}, "
+            f"and {free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set "
+            f"data.keep=disk{other}, a smaller crop_size, or fewer samples."
         )
 
 

@@ -21,7 +21,7 @@ REPEAT_FILE: Final = "repeat.json"
 """File of a repeated run: which one it repeats, what else was different, and whether the losses are."""
 
 OF_THE_LOADER: Final = ("workers", "data.keep")
-"""Settings of loading on which no number depends."""
+"""Settings of loading on which no loss depends."""
 
 BESIDE: Final = frozenset({"from_run", "allow_differences", *OF_THE_LOADER})
 """Settings that may be given beside `from_run`; folders may be, too."""

@@ -37,9 +37,9 @@ MUST_MATCH: Final = (
 """Settings that a continued run shares with the run that it continues."""
 
 OF_THE_MACHINE: Final = frozenset(
-    {"cache_dir", "root", "eval_root", "workers", "render_workers", "keep", "weights"}
+    {"cache_dir", "root", "eval_root", "workers", "render_workers", "keep", "sizes", "weights"}
 )
-"""Settings that may differ: paths of files, numbers of processes and the place of the samples."""
+"""Settings that may differ: paths, numbers of processes, the place of the samples, lists of fixed length."""
 
 AUTO: Final = "auto"
 """Value of `resume` for the newest unfinished run of the same configuration."""

@@ -17,7 +17,7 @@ logger = logging.getLogger(__name__)
 _WITHOUT_EFFECT: Final = frozenset(
     {
         "callbacks", "checkpoint", "logger", "paths", "report", "resume", "threads", "workers", "cache_dir",
-        "render_workers", "keep", "default_root_dir", "wait_minutes",
+        "render_workers", "keep", "sizes", "default_root_dir", "wait_minutes",
     }
 )  # fmt: skip
 """Settings, at any depth, on which the numbers of a training do not depend."""

@@ -187,6 +187,10 @@ class HandReconstruction(lightning.LightningModule):
         self.guard.settle()
         warn_of_left_out(self.prior)
 
+    def on_validation_start(self) -> None:
+        """Check the last loss, so that weights that it has changed to no numbers are not scored."""
+        self.guard.settle()
+
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Check the last loss, so that no weights are saved that it has changed to no numbers."""
         self.guard.settle()

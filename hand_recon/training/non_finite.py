@@ -42,8 +42,8 @@ class Arriving:
     """
 
     def __init__(self, value: Tensor) -> None:
-        # From a GPU, the copy goes to pinned memory, and nothing waits for it.
-        self._copy = value.detach().to("cpu", non_blocking=True)
+        # From CUDA, the copy goes to pinned memory, and nothing waits for it. Other devices have no event.
+        self._copy = value.detach().to("cpu", non_blocking=value.is_cuda)
         self._arrived = torch.cuda.Event() if value.is_cuda else None
         if self._arrived is not None:
             self._arrived.record(torch.cuda.current_stream(value.device))

@@ -73,7 +73,8 @@ class Staged(DataTerm):
     """Two data terms, one before and one after a switch during the run.
 
     The current stage and the running residuals are part of the state, so a resumed run continues exactly and
-    a loaded checkpoint has the loss that it was trained with.
+    a loaded checkpoint has the loss that it was trained with. A buffer that is written in place, as some
+    averages of weights do, does not change the stage: load a state instead.
 
     Args:
         first: Data term before the switch; the squared error in the paper.

@@ -19,7 +19,7 @@ from hand_recon.data.datamodule import HandDataModule
 from hand_recon.data.dataset import HandDataset, load_batch
 from hand_recon.data.resident import ResidentDataset
 from hand_recon.data.synthetic.dataset import SyntheticHands
-from hand_recon.schema import HandBatch, HandSample
+from hand_recon.schema import HandBatch, HandSample, collate
 from tests.support.annotated_images import annotated
 from tests.support.batch_recorder import BatchRecorder, trainer
 from tests.support.numbered_hands import NumberedHands
@@ -53,6 +53,13 @@ class Unlike(NumberedHands):
         return replace(super().__getitem__(index), **{n: OPTIONAL[n] for n in self.present[index]})
 
 
+class Together(Unlike):
+    """The same hands in batches that the dataset makes itself, as shards do."""
+
+    def batch(self, indices: list[int], /) -> HandBatch:
+        return collate([self[index] for index in indices])
+
+
 def kept(dataset: HandDataset, device: torch.device = CPU) -> ResidentDataset:
     return ResidentDataset(dataset, device, "hands")
 
@@ -74,9 +81,9 @@ def assert_same(first: HandBatch, second: HandBatch) -> None:
 def test_any_batch_is_what_collate_makes_of_its_samples(
     present: list[list[str]], data: st.DataObject
 ) -> None:
-    dataset = Unlike(present)
     chosen = data.draw(st.lists(st.integers(0, len(present) - 1), min_size=1, max_size=8))
-    assert_same(load_batch(dataset, chosen), kept(dataset).batch(chosen))
+    for dataset in (Unlike(present), Together(present)):
+        assert_same(load_batch(dataset, chosen), kept(dataset).batch(chosen))
 
 
 def test_each_sample_is_read_once_whatever_the_size_of_the_pieces(
@@ -113,7 +120,7 @@ def test_images_of_files_come_mirrored_and_damaged_ones_are_replaced(tmp_path: P
 def test_rendered_hands_have_their_surfaces(tmp_path: Path) -> None:
     dataset = SyntheticHands("val", 5, 32, "easy", cache_dir=tmp_path)
     batch, expected = kept(dataset).batch([4, 0, 0]), dataset.batch([4, 0, 0])
-    # Surfaces are posed in batches when they are read: a hand's last digits depend on the others beside it.
+    # Surfaces are posed when they are read: a hand's last digits depend on the others beside it.
     torch.testing.assert_close(batch.vertices, expected.vertices, rtol=0, atol=1e-6)
     assert_same(replace(expected, vertices=None), replace(batch, vertices=None))
 
@@ -185,6 +192,10 @@ def test_more_than_the_free_memory_is_refused_with_the_numbers(
     # 768 bytes of image, 168 + 21 of labels and 252 of 3D.
     monkeypatch.setattr(resident, "free_memory", lambda device: int(2 * 1209 / 0.8) + 1)
     assert len(kept(NumberedHands(2))) == 2
+    with pytest.raises(MemoryError, match=r"memory of cpu, in each of 2 processes, and"):
+        ResidentDataset(NumberedHands(2), CPU, "hands", processes=2)
+    # Each process has a GPU of its own.
+    assert len(ResidentDataset(NumberedHands(2), META, "hands", processes=2)) == 2
     monkeypatch.setattr(resident, "free_memory", lambda device: 2000)
     with pytest.raises(MemoryError, match=r"2 samples of hands take .* in the memory of cpu, and"):
         kept(NumberedHands(2))

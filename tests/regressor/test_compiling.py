@@ -20,9 +20,10 @@ def working(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(compiling, "compiler_problem", lambda device: None)
     monkeypatch.setattr(nn.Module, "compile", lambda module: whole(module, backend="eager"))
     # The checks of shapes that tests add are no part of a user's graph; PyTorch 2.11 fails on them.
+    before = config.jaxtyping_disable
     config.update("jaxtyping_disable", True)
     yield
-    config.update("jaxtyping_disable", False)
+    config.update("jaxtyping_disable", before)
 
 
 @pytest.mark.usefixtures("working")

@@ -115,7 +115,9 @@ def run(output: Path, name: str, *overrides: str, step: int = 5) -> Path:
 def test_auto_takes_the_newest_unfinished_run_of_the_same_settings(tmp_path: Path) -> None:
     assert newest_unfinished(config(tmp_path)) is None
     run(tmp_path, "older", step=4)
-    wanted = run(tmp_path, "wanted", "threads=1", "checkpoint.every_n_steps=7", step=6)
+    # One of an earlier version, which did not have the last setting.
+    others = ("threads=1", "checkpoint.every_n_steps=7", "data.keep=memory")
+    wanted = run(tmp_path, "wanted", *others, "~prior.non_penetration.sizes", step=6)
     run(tmp_path, "of_other_seed", "seed=1", step=9)
     run(tmp_path, "longer", "trainer.max_epochs=30", step=9)
     finish(run(tmp_path, "finished", step=9))

@@ -6,11 +6,12 @@ from pathlib import Path
 import lightning
 import pytest
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.utils.data import DataLoader
 
 from hand_recon.schema import HandBatch
 from hand_recon.training import non_finite
+from hand_recon.training.module import HandReconstruction
 from hand_recon.training.non_finite import Arriving, LossGuard, NonFiniteLossError
 from tests.support.resident_hands import module_of, resident
 
@@ -72,8 +73,14 @@ def test_an_arriving_value_is_that_of_its_time() -> None:
     assert arriving.read()
 
 
-def fit(module: nn.Module, given: list[HandBatch], folder: Path, every: int) -> None:
-    """Train on batches, saving a checkpoint every few steps."""
+def fit(
+    module: HandReconstruction,
+    given: list[HandBatch],
+    folder: Path,
+    every: int,
+    validation: list[HandBatch] | None = None,
+) -> None:
+    """Train on batches, saving a checkpoint every few steps; then validate if there are hands for it."""
     saving = lightning.pytorch.callbacks.ModelCheckpoint(
         folder, "{step}", every_n_train_steps=every, save_top_k=-1
     )
@@ -84,8 +91,13 @@ def fit(module: nn.Module, given: list[HandBatch], folder: Path, every: int) -> 
         enable_progress_bar=False,
         enable_model_summary=False,
         callbacks=[saving],
-        limit_val_batches=0,
-    ).fit(module, DataLoader(given, batch_size=None))  # type: ignore[arg-type]  # a list will do
+        num_sanity_val_steps=0,
+        limit_val_batches=0 if validation is None else 1.0,
+    ).fit(
+        module,
+        DataLoader(given, batch_size=None),  # type: ignore[arg-type]  # a list will do
+        None if validation is None else DataLoader(validation, batch_size=None),  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.usefixtures("late")
@@ -102,3 +114,10 @@ def test_no_checkpoint_has_weights_that_such_a_loss_changed(
     for path in tmp_path.iterdir():
         weights = torch.load(path, weights_only=False)["state_dict"].values()
         assert all(torch.isfinite(one).all() for one in weights)
+
+
+@pytest.mark.usefixtures("late")
+def test_weights_that_the_last_loss_changed_are_not_scored(tmp_path: Path) -> None:
+    """The scores of weights that are no numbers would be another error, about hands that are right."""
+    with pytest.raises(NonFiniteLossError, match="'2/a'"):
+        fit(module_of(1), batches(3, 2), tmp_path, every=9, validation=batches(1, 9))
