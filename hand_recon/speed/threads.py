@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -152,7 +152,9 @@ def _say(process: "subprocess.Popen[str]", words: str) -> None:
     """Write words to a worker; none closes its input, which ends it."""
     assert process.stdin is not None  # noqa: S101  # it is a pipe
     if not words:
-        process.stdin.close()
+        # A process that has ended leaves words that it has not read.
+        with suppress(BrokenPipeError):
+            process.stdin.close()
         return
     process.stdin.write(words)
     process.stdin.flush()

@@ -46,13 +46,14 @@ class Contacts:
         nearest = (self.weights(vertices)[..., None] * triangles).sum(dim=-2)
         return (vertices[self.hand, self.vertex] - nearest).norm(dim=-1)
 
-    @torch.no_grad()
     def weights(
         self, vertices: Float[Tensor, "hand vertex 3"]
     ) -> Float[Tensor, "contact corner=3"]:
         """Barycentric coordinates of the point of each triangle that is nearest to its vertex."""
-        triangles = vertices[self.hand[:, None], self.corners]
-        return nearest_on_triangles(vertices[self.hand, self.vertex], triangles)
+        # No decorator: PyTorch 2.11 does not compile a decorated method of a plain class.
+        with torch.no_grad():
+            triangles = vertices[self.hand[:, None], self.corners]
+            return nearest_on_triangles(vertices[self.hand, self.vertex], triangles)
 
 
 def first_of_each(
