@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
 
-from hand_recon.data.draws import on_device_of
+from hand_recon.data.copies import on_device_of
 
 SMALLEST_PATCH: Final = 0.08
 """Side of the smallest patch, as a share of the crop's."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from hand_recon.camera import move_pixels, move_points
 from hand_recon.data.appearance import Appearance
-from hand_recon.data.draws import on_device_of
+from hand_recon.data.copies import on_device_of
 from hand_recon.schema import CropMotion, HandBatch
 
 

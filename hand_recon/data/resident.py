@@ -11,10 +11,11 @@ from typing import Any, Final
 import torch
 from torch import Tensor
 
-from hand_recon.data.dataset import BatchedDataset, HandDataset
+from hand_recon.data.copies import copied
+from hand_recon.data.dataset import HandDataset, load_batch
 from hand_recon.data.free_memory import free_memory
 from hand_recon.data.progress import with_progress
-from hand_recon.schema import HandBatch, HandSample, collate
+from hand_recon.schema import HandBatch, HandSample
 
 logger = logging.getLogger(__name__)
 
@@ -61,9 +62,17 @@ class ResidentDataset:
         self._present: dict[str, Tensor] = {}
         self._sources: list[str] = []
         chunks = torch.arange(len(dataset)).split(_AT_ONCE)
-        _check_room(dataset, device, name, processes)
         for chunk in with_progress(chunks, len(chunks), f"Reading {name} into memory"):
-            self._add(chunk)
+            # Each sample as a batch of one, with the fields that it has itself.
+            pieces = [load_batch(dataset, [index]) for index in chunk.tolist()]
+            if not self._columns:
+                _check_room(
+                    len(dataset) * _size(pieces[0]),
+                    device,
+                    f"{len(dataset)} samples of {name}",
+                    processes,
+                )
+            self._add(chunk, pieces)
         size = sum(column.nbytes for column in self._columns.values())
         logger.info(
             "%d samples of %s are kept on %s: %.2f GB.", len(self), name, device, size / 1e9
@@ -83,7 +92,7 @@ class ResidentDataset:
             indices: Positions in the dataset.
         """
         chosen = torch.tensor(indices)
-        there = self._on_device(chosen)
+        there = copied(chosen, self.device)
         columns: dict[str, Any] = {
             name: column.index_select(0, there)
             for name, column in self._columns.items()
@@ -96,14 +105,8 @@ class ResidentDataset:
         present = self._present[name][chosen]
         return bool(present.all() if name in _IF_ALL else present.any())
 
-    def _on_device(self, index: Tensor) -> Tensor:
-        if self.device.type == "cuda":
-            return index.pin_memory().to(self.device, non_blocking=True)
-        return index.to(self.device)
-
-    def _add(self, chunk: Tensor) -> None:
-        """Read some samples that follow each other."""
-        pieces = self._pieces(chunk.tolist())
+    def _add(self, chunk: Tensor, pieces: list[HandBatch]) -> None:
+        """Store some samples that follow each other."""
         for piece in pieces:
             self._sources += piece.source
         for field in fields(HandBatch):
@@ -117,12 +120,6 @@ class ResidentDataset:
             column[chunk[0] : chunk[-1] + 1] = joined.to(self.device)
             flags = torch.tensor([value is not None for value in values])
             self._present[field.name][chunk] = flags
-
-    def _pieces(self, indices: list[int]) -> list[HandBatch]:
-        """Each sample as a batch of one, with the fields that it has itself."""
-        if isinstance(self.dataset, BatchedDataset):
-            return [self.dataset.batch([index]) for index in indices]
-        return [collate([self.dataset[index]]) for index in indices]
 
     def _column(self, name: str, like: Tensor) -> Tensor:
         """Values of a field of all samples, and flags of those that have it."""
@@ -140,25 +137,29 @@ def _missing(like: Tensor) -> float:
     return torch.nan if like.is_floating_point() else 0
 
 
-def _check_room(dataset: HandDataset, device: torch.device, name: str, processes: int) -> None:
-    """Compare what all samples take, by the first one, with what is free.
+def _size(samples: HandBatch) -> int:
+    """Bytes of a batch."""
+    values = [getattr(samples, field.name) for field in fields(samples)]
+    return sum(value.nbytes for value in values if isinstance(value, Tensor))
+
+
+def _check_room(needed: int, device: torch.device, what: str, processes: int) -> None:
+    """Compare what samples take with what is free.
 
     Raises:
         MemoryError: They take more.
     """
-    sample, free = dataset[0], free_memory(device)
-    values = [getattr(sample, field.name) for field in fields(sample)]
-    needed = len(dataset) * sum(value.nbytes for value in values if isinstance(value, Tensor))
     together, of = needed, ""
     if device.type == "cpu":
         # Processes share the memory of their machine; each has a GPU of its own.
         together, of = needed * processes, f", in each of {processes} processes" * (processes > 1)
+    free = free_memory(device)
     if free is not None and together > _SHARE * free:
         other = "" if device.type == "cpu" else ", or data.keep=memory"
         raise MemoryError(
-            f"The {len(dataset)} samples of {name} take {needed / 1e9:.1f} GB in the memory of {device}{of}, "
-            f"and {free / 1e9:.1f} GB are free, of which at most {_SHARE:.0%} are used. Set "
-            f"data.keep=disk{other}, a smaller crop_size, or fewer samples."
+            f"The {what} take {needed / 1e9:.1f} GB in the memory of {device}{of}, and {free / 1e9:.1f} GB "
+            f"are free, of which at most {_SHARE:.0%} are used. Set data.keep=disk{other}, a smaller "
+            "crop_size, or fewer samples."
         )
 
 

@@ -1,27 +1,22 @@
 """The size of the largest tensor that a piece of code makes."""
 
-from collections.abc import Callable
+from typing import Any
 
 from torch import Tensor
-from torch.utils._python_dispatch import TorchDispatchMode
+
+from tests.support.watched import Watched
 
 
-class LargestTensor(TorchDispatchMode):
+class LargestTensor(Watched):
     """Context that records the number of elements of the largest tensor made in it."""
 
     def __init__(self) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
+        super().__init__()
         self.numbers = 0
 
-    def __torch_dispatch__(
-        self,
-        func: Callable[..., object],
-        types: object,
-        args: tuple[object, ...] = (),
-        kwargs: dict[str, object] | None = None,
-    ) -> object:
-        """Run an operation and record the size of its result."""
-        result = func(*args, **(kwargs or {}))
+    def look(
+        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
+    ) -> None:
+        """Record the size of a result."""
         if isinstance(result, Tensor):
             self.numbers = max(self.numbers, result.numel())
-        return result

@@ -12,6 +12,17 @@ SMALL: Final = (
 )  # fmt: skip
 """Two epochs of 48 synthetic hands in crops of 48 px, on one CPU thread."""
 
+BARE_TRAINER_WARNINGS: Final = pytest.mark.filterwarnings(
+    # Lightning's own, on Python 3.11 and this torch.
+    "ignore:.*treespec:FutureWarning",
+    "ignore:.*LeafSpec",
+    "ignore:.*does not have many workers",
+    "ignore:.*litlogger",
+    "ignore:You defined a .validation_step. but have no",
+    "ignore:Trying to infer the .batch_size",
+)
+"""A `pytestmark` for modules that make a trainer of their own: tolerates these warnings and no others."""
+
 LIGHTNING_WARNINGS: Final = pytest.mark.filterwarnings(
     # Lightning's own, on Python 3.11 and this torch.
     "ignore:.*treespec:FutureWarning",

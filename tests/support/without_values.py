@@ -7,8 +7,9 @@ from typing import Any, Final
 import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
-from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
+
+from tests.support.watched import Watched
 
 META: Final = torch.device("meta")
 """Tensors there have a shape and no values: reading one, or a length that depends on one, is an error."""
@@ -41,27 +42,21 @@ def _listed(index: object) -> bool:
     return any(isinstance(part, (list, tuple, range)) for part in parts)
 
 
-class _Transfers(TorchDispatchMode):
+class _Transfers(Watched):
     """Refuses operations between tensors of the processor and of the device, single numbers excepted."""
 
-    def __torch_dispatch__(
-        self,
-        func: Callable[..., Any],
-        types: object,
-        args: tuple[Any, ...] = (),
-        kwargs: dict[str, Any] | None = None,
-    ) -> Any:  # noqa: ANN401
-        result = func(*args, **(kwargs or {}))
-        given = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
+    def look(
+        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
+    ) -> None:
+        given = [one for one in tree_leaves((args, named)) if isinstance(one, Tensor)]
         made = [one for one in tree_leaves(result) if isinstance(one, Tensor)]
         here = [one for one in given if one.device.type == "cpu" and one.dim()]
         if here and any(one.device == META for one in given + made):
-            raise AssertionError(f"{func} takes a tensor of the processor to the device.")
-        return result
+            raise AssertionError(f"{operation} takes a tensor of the processor to the device.")
 
 
 @contextmanager
 def nothing_is_copied() -> Iterator[None]:
     """Refuse copies between processor and device, too; a device without values refuses all else."""
-    with _Transfers(), _Copies():  # type: ignore[no-untyped-call]
+    with _Transfers(), _Copies():
         yield

@@ -30,18 +30,11 @@ from hand_recon.uncertainty import (
     SquaredError,
     Staged,
 )
+from tests.support.small_runs import BARE_TRAINER_WARNINGS
 from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views
 
-pytestmark = pytest.mark.filterwarnings(
-    # From Lightning itself, on Python 3.11 with this torch.
-    "ignore:.*treespec:FutureWarning",
-    "ignore:.*LeafSpec",
-    "ignore:.*does not have many workers",
-    "ignore:.*litlogger",
-    "ignore:You defined a .validation_step. but have no",
-    "ignore:Trying to infer the .batch_size",
-)
+pytestmark = BARE_TRAINER_WARNINGS
 
 
 @pytest.fixture

@@ -1,14 +1,12 @@
 """A training step in which the processor never waits for a GPU, shown on a device without values."""
 
 import contextlib
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 import torch
 from torch import nn
 from torch._subclasses.fake_tensor import FakeTensorMode
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from gpu.rows import photo_augmentation
 from hand_recon.data.datamodule import HandDataModule
@@ -24,6 +22,7 @@ from tests.support.configurations import composed
 from tests.support.numbered_hands import NumberedHands
 from tests.support.random_surfaces import random_vertices
 from tests.support.resident_hands import module_of, resident
+from tests.support.watched import Watched
 from tests.support.without_values import META, nothing_is_copied
 
 
@@ -91,24 +90,19 @@ def test_the_end_of_an_epoch_says_what_had_no_place(caplog: pytest.LogCaptureFix
     assert "of 4 hands" in caplog.text
 
 
-class Copies(TorchDispatchMode):
+class Copies(Watched):
     """Records for every copy between devices if it is waited for."""
 
     def __init__(self) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
+        super().__init__()
         self.waited_for: list[bool] = []
 
-    def __torch_dispatch__(
-        self,
-        func: Callable[..., Any],
-        types: object,
-        args: tuple[Any, ...] = (),
-        kwargs: dict[str, Any] | None = None,
-    ) -> Any:  # noqa: ANN401
-        """Run an operation and record it if it is a copy."""
-        if func is torch.ops.aten._to_copy.default:
-            self.waited_for.append(not (kwargs or {}).get("non_blocking", False))
-        return func(*args, **(kwargs or {}))
+    def look(
+        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
+    ) -> None:
+        """Record an operation if it is a copy."""
+        if operation is torch.ops.aten._to_copy.default:
+            self.waited_for.append(not named.get("non_blocking", False))
 
 
 @pytest.mark.parametrize(("device", "waits"), [("cuda", False), ("meta", True)])

@@ -14,15 +14,9 @@ from hand_recon.training import non_finite
 from hand_recon.training.module import HandReconstruction
 from hand_recon.training.non_finite import Arriving, LossGuard, NonFiniteLossError
 from tests.support.resident_hands import module_of, resident
+from tests.support.small_runs import BARE_TRAINER_WARNINGS
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore:.*treespec:FutureWarning",
-    "ignore:.*LeafSpec",
-    "ignore:.*does not have many workers",
-    "ignore:.*litlogger",
-    "ignore:You defined a .validation_step. but have no",
-    "ignore:Trying to infer the .batch_size",
-)
+pytestmark = BARE_TRAINER_WARNINGS
 
 
 @pytest.fixture

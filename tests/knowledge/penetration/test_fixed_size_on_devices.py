@@ -2,13 +2,12 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 from torch._subclasses.fake_tensor import DynamicOutputShapeException, FakeTensorMode
-from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from hand_recon.hand.model import HandModel
@@ -17,27 +16,22 @@ from hand_recon.knowledge.penetration.non_penetration import NonPenetration
 from hand_recon.knowledge.terms import NonPenetrationTerm
 from tests.support.random_surfaces import random_vertices
 from tests.support.value_and_gradient import value_and_gradient
+from tests.support.watched import Watched
 
 
-class Shapes(TorchDispatchMode):
+class Shapes(Watched):
     """Records every operation with the shapes of its results."""
 
     def __init__(self) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
+        super().__init__()
         self.seen: list[tuple[str, list[torch.Size]]] = []
 
-    def __torch_dispatch__(
-        self,
-        func: Callable[..., object],
-        types: object,
-        args: tuple[object, ...] = (),
-        kwargs: dict[str, object] | None = None,
-    ) -> object:
-        """Run an operation and record it."""
-        result = func(*args, **(kwargs or {}))
+    def look(
+        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
+    ) -> None:
+        """Record an operation."""
         shapes = [leaf.shape for leaf in tree_leaves(result) if isinstance(leaf, Tensor)]
-        self.seen.append((str(func), shapes))
-        return result
+        self.seen.append((str(operation), shapes))
 
 
 def test_no_operation_and_no_shape_depends_on_the_poses(
