@@ -22,13 +22,22 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver(
         "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
     )
-    # Used by conf/recipe/lifter.yaml.
+    # Used by conf/recipe/photos.yaml.
+    OmegaConf.register_new_resolver("fast_precision", _fast_precision, replace=True)
+    # Used by conf/recipe/lifter.yaml and photos.yaml.
     OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
     # Used by conf/fit.yaml, predict.yaml and descent.
     OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
     OmegaConf.register_new_resolver("has_all_knowledge", has_all_knowledge, replace=True)
     # Used by conf/fit.yaml and predict.yaml.
     OmegaConf.register_new_resolver("landmarks_beside", landmarks_beside, replace=True)
+
+
+def _fast_precision(accelerator: str) -> str:
+    # PyTorch is loaded only where this is asked for.
+    from hand_recon.command_line.precision import fast_precision
+
+    return fast_precision(accelerator)
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:

@@ -13,6 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hand_recon.regressor.depthwise import convolve
+
 
 class Stage(NamedTuple):
     """A stage of blocks of one width."""
@@ -101,10 +103,10 @@ class Convolution(nn.Module):
         ]
         if all(total % 2 == 0 for total in totals):
             padding = [total // 2 for total in totals]
-            return functional.conv2d(images, weight, bias, stride, padding, groups=groups)
+            return convolve(images, weight, bias, stride, padding, groups=groups)
         above, left = (total // 2 for total in totals)
         padded = functional.pad(images, (left, totals[1] - left, above, totals[0] - above))
-        return functional.conv2d(padded, weight, bias, stride, groups=groups)
+        return convolve(padded, weight, bias, stride, (0, 0), groups=groups)
 
 
 class InvertedBottleneck(nn.Module):

@@ -8,6 +8,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hand_recon.regressor.depthwise import DepthwiseConv2d
+
 STRIDES: Final = (32, 16, 8)
 """Strides of the features that are joined, coarse to fine."""
 
@@ -34,7 +36,7 @@ class LandmarkMaps(nn.Module):
         self.smooth = nn.ModuleDict(
             {
                 str(stride): nn.Sequential(
-                    nn.Conv2d(width, width, 5, padding=2, groups=width, bias=False),
+                    DepthwiseConv2d(width, 5),
                     nn.Conv2d(width, width, 1, bias=False),
                     nn.BatchNorm2d(width),
                     nn.ReLU(),
