@@ -25,7 +25,7 @@ def register_resolvers() -> None:
     # Used by conf/recipe/photos.yaml.
     OmegaConf.register_new_resolver("fast_precision", _fast_precision, replace=True)
     # Used by conf/recipe/lifter.yaml and photos.yaml.
-    OmegaConf.register_new_resolver("same", lambda first, second: first == second, replace=True)
+    OmegaConf.register_new_resolver("fused_step", _fused_step, replace=True)
     # Used by conf/fit.yaml, predict.yaml and descent.
     OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
     OmegaConf.register_new_resolver("has_all_knowledge", has_all_knowledge, replace=True)
@@ -33,11 +33,19 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver("landmarks_beside", landmarks_beside, replace=True)
 
 
-def _fast_precision(accelerator: str) -> str:
-    # PyTorch is loaded only where this is asked for.
+# PyTorch is loaded only where these are asked for.
+
+
+def _fast_precision(accelerator: str, backbone: str | None) -> str:
     from hand_recon.command_line.precision import fast_precision
 
-    return fast_precision(accelerator)
+    return fast_precision(accelerator, backbone)
+
+
+def _fused_step(precision: str | int | None) -> bool | None:
+    from hand_recon.command_line.precision import fused_step
+
+    return fused_step(precision)
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:

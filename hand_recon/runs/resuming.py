@@ -36,6 +36,9 @@ MUST_MATCH: Final = (
 )  # fmt: skip
 """Settings that a continued run shares with the run that it continues."""
 
+PRECISION: Final = "trainer.precision"
+"""A setting of the trainer that losses depend on."""
+
 OF_THE_MACHINE: Final = frozenset(
     {"cache_dir", "root", "eval_root", "workers", "render_workers", "keep", "sizes", "weights"}
 )
@@ -92,7 +95,7 @@ def earlier_run(config: DictConfig) -> Earlier | None:
     before, now = dict(_settings(plain(saved))), dict(_settings(plain(config)))
     changed = sorted(key for key in before | now if before.get(key) != now.get(key))
     if changed:
-        described = ", ".join(f"{key} was {before.get(key)}, is {now.get(key)}" for key in changed)
+        described = ", ".join(_difference(key, before, now) for key in changed)
         raise ValueError(
             f"{path} was trained with other settings: {described}. A run is continued with the settings that "
             "it had (config.yaml in its folder lists them)."
@@ -229,6 +232,14 @@ def _settings(config: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     """Yield the settings that must match, by their dotted names."""
     for key in MUST_MATCH:
         yield from _leaves(key, config.get(key))
+    yield PRECISION, config["trainer"]["precision"]
+
+
+def _difference(key: str, before: Mapping[str, object], now: Mapping[str, object]) -> str:
+    """A setting that is another than it was, or that one of both runs lacks."""
+    if key not in before:
+        return f"{key} was absent, is {now[key]} (~{key} leaves it out)"
+    return f"{key} was {before[key]}, is {now.get(key, 'absent')}"
 
 
 def _leaves(name: str, node: object) -> Iterator[tuple[str, object]]:

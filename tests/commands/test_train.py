@@ -124,7 +124,7 @@ def test_a_run_is_not_continued_with_other_settings(
 ) -> None:
     folder, _ = run
     with pytest.raises(
-        ValueError, match=r"other settings: .*prior\.range_of_motion\.weight was 20000.0, is None"
+        ValueError, match=r"other settings: .*prior\.range_of_motion\.weight was 20000.0, is absent"
     ):
         train(settings(cache, tmp_path, *SMALL, "prior=none", f"resume={folder}"))
 

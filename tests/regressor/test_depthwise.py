@@ -1,7 +1,5 @@
 """Depthwise convolutions: values and gradients of torch's own, and what runs in which precision."""
 
-from typing import Any
-
 import pytest
 import torch
 from torch import Tensor, nn
@@ -9,23 +7,7 @@ from torch.nn import functional
 
 from hand_recon.regressor.depthwise import DepthwiseConv2d, convolve
 from tests.support.tolerance import assert_close
-from tests.support.watched import Watched
-
-
-class GradientPrecisions(Watched):
-    """Collects the precisions of gradients of convolutions by the number of their groups."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.seen: list[tuple[int, torch.dtype]] = []
-
-    def look(
-        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
-    ) -> None:
-        """Note a convolution's gradient."""
-        del named, result
-        if operation is torch.ops.aten.convolution_backward.default:
-            self.seen.append((int(args[9]), args[0].dtype))
+from tests.support.watched import GradientPrecisions
 
 
 def _images(*shape: int) -> Tensor:

@@ -18,6 +18,7 @@ from hand_recon.schema import CropMotion, HandBatch
 from hand_recon.training.module import located_error
 from tests.support.tolerance import assert_close
 from tests.support.views import known_hands, views
+from tests.support.watched import GradientPrecisions
 
 
 def photo_network(
@@ -221,3 +222,19 @@ def test_mixed_precision_rounds_no_pixels(
     assert evidence.located_2d is not None
     assert evidence.located_2d.dtype == torch.float32
     assert (evidence.located_2d != evidence.located_2d.bfloat16()).any()
+
+
+def test_in_mixed_precision_no_depthwise_convolution_has_a_gradient_in_bfloat16(
+    hand: HandModel, pictures: HandBatch
+) -> None:
+    """Those of oneDNN are slow; the backbone and the maps have both kinds of convolutions."""
+    network = photo_network(hand).train()
+    with torch.autocast("cpu", torch.bfloat16):
+        evidence = encoder_of(network)(pictures)
+    assert evidence.located_2d is not None
+    with GradientPrecisions() as gradients:
+        (evidence.located_2d.sum() + evidence.features.sum()).backward()
+    depthwise = {precision for groups, precision in gradients.seen if groups > 1}
+    others = {precision for groups, precision in gradients.seen if groups == 1}
+    assert (depthwise, others) == ({torch.float32}, {torch.bfloat16})
+    assert sum(groups == 96 for groups, _ in gradients.seen) >= 3  # Three maps, of 96 channels.

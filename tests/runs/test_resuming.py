@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,19 @@ def test_auto_takes_the_newest_unfinished_run_of_the_same_settings(tmp_path: Pat
     assert now.resume == str(wanted)
     assert earlier is not None
     assert earlier.file == checkpoints(wanted) / "last.ckpt"
+
+
+def test_other_settings_are_refused_by_name_with_those_that_a_run_lacks(tmp_path: Path) -> None:
+    folder = run(tmp_path, "one", "~prior.non_penetration.weight", "trainer.precision=bf16-mixed")
+    with pytest.raises(ValueError, match="was trained with other settings") as refused:
+        earlier_run(config(tmp_path, f"resume={folder}", "trainer.precision=32-true"))
+    said = str(refused.value)
+    assert "trainer.precision was bf16-mixed, is 32-true" in said
+    assert re.search(
+        r"prior\.non_penetration\.weight was absent, is [\d.]+ \(~prior\.non_pen", said
+    )
+    same = ("~prior.non_penetration.weight", "trainer.precision=bf16-mixed")
+    assert earlier_run(config(tmp_path, f"resume={folder}", *same)) is not None
 
 
 def test_weights_alone_cannot_be_continued(tmp_path: Path) -> None:

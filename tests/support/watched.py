@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 
@@ -29,3 +30,19 @@ class Watched(TorchDispatchMode):
     ) -> None:
         """Look at an operation with its arguments and its result."""
         raise NotImplementedError
+
+
+class GradientPrecisions(Watched):
+    """Collects the precisions of gradients of convolutions by the number of their groups."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[tuple[int, torch.dtype]] = []
+
+    def look(
+        self, operation: object, args: tuple[Any, ...], named: dict[str, Any], result: object
+    ) -> None:
+        """Note a convolution's gradient."""
+        del named, result
+        if operation is torch.ops.aten.convolution_backward.default:
+            self.seen.append((int(args[9]), args[0].dtype))

@@ -110,7 +110,7 @@ def photo_network(hand: HandModel, backbone: str, weights: str, *, frozen: int) 
     landmarks = LandmarkEncoder(512, 2, 0.1, confidence=True)
     encoder = PhotoEncoder(
         backbone, weights, landmarks=landmarks, frozen=frozen, width=256, map_width=96, view=VIEW,
-        turns=(-20.0, 20.0), closer=1.14, gives_landmarks=False, given_share=0.25, given_noise=5.0,
+        turns=(-20.0, 20.0), gives_landmarks=False, given_share=0.25, given_noise=5.0,
     )  # fmt: skip
     return Regressor(
         encoder, hand, iterations=3, width=512, dropout=0.0, activation=True, use_intrinsics=False,

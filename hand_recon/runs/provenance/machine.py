@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from hand_recon.command_line.precision import computes_in_bfloat16
 from hand_recon.command_line.processor import processor_name, usable_cores
 
 try:
@@ -22,6 +23,7 @@ def hardware() -> dict[str, Any]:
     return {
         "processor": processor_name(),
         "instructions": torch.backends.cpu.get_cpu_capability(),
+        "bfloat16": computes_in_bfloat16(),
         "cores": os.cpu_count(),
         "usable_cores": usable_cores(),
         "memory_gib": _memory(),
