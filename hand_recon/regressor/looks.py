@@ -29,9 +29,7 @@ class Look:
     """Features of the crop as a whole."""
 
 
-def look_around(
-    look: Callable[[Images], Look], images: Images, turns: Sequence[float], closer: float = 1.0
-) -> Look:
+def look_around(look: Callable[[Images], Look], images: Images, turns: Sequence[float]) -> Look:
     """Look at crops turned by the four right angles, and at the surest of these again, turned by less.
 
     A network that has seen hands turned by up to 45° meets every hand in one of the four. Its
@@ -41,7 +39,6 @@ def look_around(
         look: A single look.
         images: Crops.
         turns: Angles of the further looks, from x towards y, degrees.
-        closer: Factor by which the crop is enlarged about its middle for the further looks.
 
     Returns:
         The mean of the landmarks of the surest look and of the further ones, in pixels of the crop as it
@@ -66,7 +63,7 @@ def look_around(
     with torch.autocast(device.type, enabled=False):
         quarters = torch.stack([_turn(90.0 * quarter, size) for quarter in range(4)]).to(device)
         of_best = quarters[surest]
-        matrices = [_turn(degrees, size, closer).to(device) @ of_best for degrees in turns]
+        matrices = [_turn(degrees, size).to(device) @ of_best for degrees in turns]
         crops = [move_pixels(images, matrix) for matrix in matrices]
     seen = [best, *(_together(look, crops) if crops else [])]
     with torch.autocast(device.type, enabled=False):
@@ -90,11 +87,11 @@ def _together(look: Callable[[Images], Look], crops: Sequence[Images]) -> list[L
     return [Look(*part) for part in parts]
 
 
-def _turn(degrees: float, size: int, scale: float = 1.0) -> Float[Tensor, "3 3"]:
-    """Rotation about the middle of a crop, from x towards y, and scaling; matrix from old to new pixels."""
+def _turn(degrees: float, size: int) -> Float[Tensor, "3 3"]:
+    """Rotation about the middle of a crop, from x towards y; matrix from old to new pixels."""
     angle = math.radians(degrees)
     matrix = torch.eye(3)
-    matrix[0, 0] = matrix[1, 1] = scale * math.cos(angle)
-    matrix[0, 1], matrix[1, 0] = -scale * math.sin(angle), scale * math.sin(angle)
+    matrix[0, 0] = matrix[1, 1] = math.cos(angle)
+    matrix[0, 1], matrix[1, 0] = -math.sin(angle), math.sin(angle)
     matrix[:2, 2] = size / 2 - matrix[:2, :2].sum(dim=-1) * size / 2
     return matrix

@@ -44,7 +44,6 @@ class PhotoEncoder(Encoder):
         view: Side of the middle part of the crop that the network looks at, as a share of the crop's.
         turns: Outside of training, look at the crop turned by right angles, and at the surest of these
             turned further by these angles, in degrees; one look if there are none.
-        closer: Factor by which the crop is enlarged for these further looks.
         given_share: Share of training hands whose landmarks are given.
         given_noise: Standard deviation of the noise of given landmarks in training, pixels of a 224-pixel
             crop.
@@ -64,7 +63,6 @@ class PhotoEncoder(Encoder):
         gives_landmarks: bool = False,
         view: float = 1.0,
         turns: Sequence[float] | None = None,
-        closer: float = 1.0,
         given_share: float = 0.25,
         given_noise: float = 5.0,
         map_width: int = 96,
@@ -77,7 +75,6 @@ class PhotoEncoder(Encoder):
         self.gives_landmarks = gives_landmarks
         self.view = view
         self.turns = tuple(turns or ())
-        self.closer = closer
         self.given_share = given_share
         self.given_noise = given_noise
         self.feature_size = landmarks.feature_size + width + 42 + 2
@@ -91,7 +88,7 @@ class PhotoEncoder(Encoder):
         if not batch.image.numel():
             return self._without_image(batch)
         if self.turns and not self.training:
-            seen = look_around(self._look, batch.image, self.turns, self.closer)
+            seen = look_around(self._look, batch.image, self.turns)
         else:
             seen = self._look(batch.image)
         # Mixed precision is for what looks at the image: bfloat16 rounds 200 pixels to whole ones.
