@@ -1,16 +1,16 @@
-"""Precision in which a machine trains a network for images fastest (decision 101)."""
+"""Precision in which a machine trains a network for images fastest (decision 101).
+
+PyTorch is loaded only by the functions that need it, since every command registers them as resolvers.
+"""
 
 import re
 from typing import Final
-
-import torch
 
 SINGLE: Final = "32-true"
 """Lightning's name of single precision."""
 
 MIXED: Final = "bf16-mixed"
 """Lightning's name of convolutions and products in bfloat16 with weights in single precision."""
-
 
 _FAST: Final = re.compile(r"efficientnet_lite0|resnet\d+")
 """Backbones that bfloat16 makes faster on processors; depthwise convolutions of others make it slower."""
@@ -26,6 +26,8 @@ def fast_precision(accelerator: str, backbone: str | None) -> str:
         accelerator: Lightning's name of the kind of device: `auto`, `cpu`, `gpu`, `cuda`, `mps` or `tpu`.
         backbone: Name of the backbone, as for `build_backbone`; None for a network without one.
     """
+    import torch
+
     if accelerator in ("auto", "gpu", "cuda") and torch.cuda.is_available():
         return MIXED if torch.cuda.is_bf16_supported(including_emulation=False) else SINGLE
     if accelerator not in ("auto", "cpu") or not _FAST.fullmatch(backbone or ""):
@@ -35,6 +37,8 @@ def fast_precision(accelerator: str, backbone: str | None) -> str:
 
 def computes_in_bfloat16() -> bool:
     """True if the processor has instructions for products in bfloat16."""
+    import torch
+
     has = torch.cpu.get_capabilities()
     return bool(has.get("avx512_bf16") or has.get("amx_bf16"))
 

@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from omegaconf import OmegaConf
 
+from hand_recon.command_line.precision import fast_precision, fused_step
+
 MANO_HAND: Final = "hand_recon.hand.mano.hand.mano_hand"
 """Target of `hand=mano`. The datasets number the vertices of their meshes like this hand."""
 
@@ -23,29 +25,14 @@ def register_resolvers() -> None:
         "numbering", lambda target: "mano" if target == MANO_HAND else "open", replace=True
     )
     # Used by conf/recipe/photos.yaml.
-    OmegaConf.register_new_resolver("fast_precision", _fast_precision, replace=True)
+    OmegaConf.register_new_resolver("fast_precision", fast_precision, replace=True)
     # Used by conf/recipe/lifter.yaml and photos.yaml.
-    OmegaConf.register_new_resolver("fused_step", _fused_step, replace=True)
+    OmegaConf.register_new_resolver("fused_step", fused_step, replace=True)
     # Used by conf/fit.yaml, predict.yaml and descent.
     OmegaConf.register_new_resolver("lifter_beside", lifter_beside, replace=True)
     OmegaConf.register_new_resolver("has_all_knowledge", has_all_knowledge, replace=True)
     # Used by conf/fit.yaml and predict.yaml.
     OmegaConf.register_new_resolver("landmarks_beside", landmarks_beside, replace=True)
-
-
-# PyTorch is loaded only where these are asked for.
-
-
-def _fast_precision(accelerator: str, backbone: str | None) -> str:
-    from hand_recon.command_line.precision import fast_precision
-
-    return fast_precision(accelerator, backbone)
-
-
-def _fused_step(precision: str | int | None) -> bool | None:
-    from hand_recon.command_line.precision import fused_step
-
-    return fused_step(precision)
 
 
 def lifter_beside(prior: Mapping[str, Any]) -> str:

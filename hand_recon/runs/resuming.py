@@ -32,12 +32,9 @@ logger = logging.getLogger(__name__)
 
 MUST_MATCH: Final = (
     "seed", "crop_size", "data", "hand", "model", "prior", "data_term", "supervision",
-    "optimizer",
+    "optimizer", "trainer.precision",
 )  # fmt: skip
 """Settings that a continued run shares with the run that it continues."""
-
-PRECISION: Final = "trainer.precision"
-"""A setting of the trainer that losses depend on."""
 
 OF_THE_MACHINE: Final = frozenset(
     {"cache_dir", "root", "eval_root", "workers", "render_workers", "keep", "sizes", "weights"}
@@ -230,9 +227,11 @@ def _number(text: str) -> float:
 
 def _settings(config: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
     """Yield the settings that must match, by their dotted names."""
-    for key in MUST_MATCH:
-        yield from _leaves(key, config.get(key))
-    yield PRECISION, config["trainer"]["precision"]
+    for name in MUST_MATCH:
+        node: Any = config
+        for key in name.split("."):
+            node = node.get(key)
+        yield from _leaves(name, node)
 
 
 def _difference(key: str, before: Mapping[str, object], now: Mapping[str, object]) -> str:
